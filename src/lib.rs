@@ -19,7 +19,8 @@
 //! the settings that any image is requested with. Modules that the list of modules below leaves out are the program's own
 //! and may change in any version; its command line parses flags, calls them, and prints.
 //!
-//! `unsafe` code is in two places: `accel/embree`, which calls C, and `embree-sys`, which declares it.
+//! `unsafe` code is in three places: `accel/embree`, which calls C, `embree-sys`, which declares it, and
+//! `image/denoise/oidn.rs`, which calls a denoiser's library where one is installed.
 //!
 //! # From glTF to PNG
 //!

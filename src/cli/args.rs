@@ -7,6 +7,7 @@ mod compare;
 mod compare_stats;
 mod cost;
 mod crop;
+mod denoise;
 mod display;
 mod environment;
 mod gltf;
@@ -29,6 +30,7 @@ pub(super) use compare::CompareArgs;
 pub(super) use compare_stats::CompareStatsArgs;
 pub(super) use cost::CostArgs;
 pub(super) use crop::Crop;
+pub(super) use denoise::DenoiseArgs;
 pub(super) use display::DisplayArgs;
 pub(super) use environment::EnvironmentArgs;
 pub(super) use gltf::GltfArgs;
@@ -222,6 +224,9 @@ pub(super) struct RenderArgs {
     /// --environment, 1 where the materials have none
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_ROUGH_RAYS)))]
     pub(super) rough_rays: Option<u32>,
+
+    #[command(flatten)]
+    pub(super) denoising: DenoiseArgs,
 
     #[command(flatten)]
     pub(super) display: DisplayArgs,

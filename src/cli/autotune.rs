@@ -29,6 +29,7 @@ pub(super) fn find_settings(
             },
             path: tracing.path(),
             change: SceneChange::default(),
+            denoises: false,
         },
         tone: resolved.tone,
         size: None,
@@ -37,6 +38,7 @@ pub(super) fn find_settings(
         start: Instant::now(),
         threads: tracing.threads,
         isa: tracing.isa.clone(),
+        denoiser: None,
         unfinished: None,
         keep: None,
     };

@@ -141,6 +141,7 @@ fn measure(
             }
         }
     });
+    let denoiser = args.denoising.denoiser(false)?;
     // Describe the experiment
     let experiment = Experiment {
         scene,
@@ -153,6 +154,7 @@ fn measure(
             },
             path: tracing.path(),
             change: SceneChange::default(),
+            denoises: false,
         },
         tone,
         size,
@@ -164,6 +166,7 @@ fn measure(
         start,
         threads: tracing.threads,
         isa: tracing.isa.clone(),
+        denoiser: denoiser.as_ref(),
         unfinished,
         keep: keep.as_ref().map(|keep| keep as Keep),
     };

@@ -166,6 +166,7 @@ impl From<CostError> for Failure {
         match error {
             CostError::Cancelled(_) => Failure::Interrupted,
             CostError::Accel(error) => error.into(),
+            CostError::Denoise(_) => Failure::Work(error.to_string()),
             CostError::Other => Failure::Input(error.to_string()),
         }
     }

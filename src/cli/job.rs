@@ -9,7 +9,7 @@ use whit::accel::Backend;
 use whit::batch::request::{RenderRequest, SceneChange, Settings, is_scene_file};
 use whit::cost::{self, SettingsFile};
 use whit::gltf::LoadOptions;
-use whit::image::{ImageFormat, check_writable};
+use whit::image::{Denoiser, ImageFormat, check_writable};
 use whit::render::{Exposure, Region};
 use whit::scene::image_settings::VisibleBackground;
 use whit::scene_file::Output;
@@ -34,6 +34,8 @@ pub(super) struct RenderJob {
     pub(super) crop: Option<Region>,
     /// Name or index of the camera; the scene's first camera if absent.
     pub(super) camera: Option<String>,
+    /// Denoiser of the finished images, if they are denoised.
+    pub(super) denoiser: Option<Denoiser>,
     /// Options for loading glTF files.
     pub(super) load: LoadOptions,
     /// Target of the search for settings, if there is one.
@@ -153,6 +155,14 @@ impl RenderJob {
                     .into(),
             ));
         }
+        let is_set = chosen.and_then(|chosen| chosen.denoise) == Some(true);
+        let denoiser = args.denoising.denoiser(is_set)?;
+        if denoiser.is_some() && args.crop.is_some() {
+            return Err(Failure::Input(
+                "`--denoise` needs all of the image, so that a part would differ from the whole: leave out `--crop`"
+                    .into(),
+            ));
+        }
         // Collect the flags into the job
         let mut job = RenderJob {
             targets,
@@ -191,7 +201,9 @@ impl RenderJob {
             crop: args.crop.map(|crop| crop.0),
             camera: args.view.camera.clone(),
             load: args.gltf.load_options(),
-            estimates_error: aim.is_none() && (stats.is_some() || !args.quiet),
+            // The error of a denoised image is unknown.
+            estimates_error: denoiser.is_none() && aim.is_none() && (stats.is_some() || !args.quiet),
+            denoiser,
             aim,
             stats,
         };

@@ -147,7 +147,7 @@ fn render_one(
     })?;
     seconds.build = build_seconds;
 
-    // Render, with screen bounds where they pay, and show tiles in the viewer
+    // Render, with screen bounds where they pay, show tiles in the viewer, and denoise
     progress.phase(&name, "render");
     let (rendering, render_seconds) = timed(|| {
         let backend = request.backend();
@@ -158,9 +158,21 @@ fn render_one(
         let projected = ProjectedAccel::new((&*accel, backend), (&scene, camera), &settings);
         let size = [resolved.settings.width, resolved.settings.height];
         let live = viewer.map(|viewer| Live::begin(viewer, &image_name, size));
+        let settings = match job.denoiser {
+            Some(_) => settings.with_guides(),
+            None => settings,
+        };
         let image = (&settings, job.crop.as_ref());
-        trace(image, (valid, camera), projected.accel(), (progress, live))
+        let mut rendering = trace(image, (valid, camera), projected.accel(), (progress, live))?;
+        if let Some(denoiser) = &job.denoiser {
+            progress.phase(&name, "denoise");
+            rendering
+                .denoise(denoiser, resolved.settings.layers)
+                .map_err(|error| Failure::Work(error.to_string()))?;
+        }
+        Ok(rendering)
     })?;
+
     seconds.render = render_seconds;
     resolved.tone.exposure_ev = exposure.stops(&rendering.image, rendering.alpha.as_deref());
     seconds.trace = rendering.ledger.trace_seconds();
@@ -189,6 +201,9 @@ fn render_one(
             embree.as_ref(),
             &rendering.plan,
         );
+        if let Some(denoiser) = &job.denoiser {
+            notes.add("whit.denoiser", denoiser.name());
+        }
         if let Some(Region { x, y, width, height }) = job.crop {
             notes.add("whit.crop", format!("{x},{y},{width},{height}"));
         }

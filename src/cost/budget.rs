@@ -79,8 +79,12 @@ fn candidates(experiment: &Experiment, plan: &Plan, base_spp: u32, reach: &Level
         None => base.settings.spp.min(base_spp),
         Some(_) => base_spp,
     };
-    // List the levels of all knobs
-    let mut knobs = knobs(&experiment.scene, plan, &base, reach);
+    // List the levels of all knobs; patches of an image cannot be denoised
+    let reach = LevelRange {
+        denoises: experiment.denoiser.is_some() && experiment.target.is_none(),
+        ..reach.clone()
+    };
+    let mut knobs = knobs(&experiment.scene, plan, &base, &reach);
     // Configurations that may not be chosen are not measured.
     if experiment.target.is_some() {
         knobs.retain(|(_, _, turned)| turned.is_as_accurate_as(&base));
@@ -220,6 +224,7 @@ impl Workspace<'_, '_> {
             adaptive_errors: ADAPTIVE_ERRORS
                 .map(|times| (times * error).clamp(MIN_ADAPTIVE_ERROR, 1.0))
                 .to_vec(),
+            denoises: false,
         };
         // Measure the time of a block by a pilot
         let candidates = candidates(self.experiment, plan, base_spp, &reach);

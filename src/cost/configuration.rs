@@ -17,12 +17,17 @@ pub struct Configuration {
     pub path: HitPath,
     /// Changes of the scene before rendering.
     pub change: SceneChange,
+    /// True if the finished image is denoised.
+    pub denoises: bool,
 }
 
 impl Configuration {
     /// Returns all settings, as a settings file holds them.
     pub fn to_settings(&self) -> Settings {
-        Settings::of(&self.settings, &self.path, &self.change)
+        Settings {
+            denoise: self.denoises.then_some(true),
+            ..Settings::of(&self.settings, &self.path, &self.change)
+        }
     }
 
     /// Returns this configuration with hits found by `path`.
@@ -43,7 +48,8 @@ impl Configuration {
         };
         // Spawn policy and hit points may equal those of `other` or be the most accurate ones
         let (settings, others) = (&self.settings, &other.settings);
-        trust(&self.path) >= trust(&other.path)
+        !self.denoises
+            && trust(&self.path) >= trust(&other.path)
             && [others.spawn, SpawnPolicy::Bounded].contains(&settings.spawn)
             && [others.hit_points, HitPoint::Refined].contains(&settings.hit_points)
     }
@@ -77,6 +83,7 @@ impl Configuration {
             self.change.rough_rays.map(|count| count.to_string()),
         );
         add("bounces", self.change.bounces.map(|count| count.to_string()));
+        add("photons", self.change.photons.map(|count| count.to_string()));
         // Add changes of the scene and of the backend's options
         let factor = self.change.step_factor;
         add("march_step", (factor != 1.0).then(|| step_name(factor)));
@@ -100,6 +107,7 @@ impl Configuration {
             (spawn != SpawnPolicy::default()).then(|| spawn.to_string()),
         );
         add("compact", self.path.compact.then(|| "yes".to_owned()));
+        add("denoise", self.denoises.then(|| "yes".to_owned()));
         words
     }
 }

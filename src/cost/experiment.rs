@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use super::{Configuration, StudyCheckpoint, Target};
 use crate::accel::AccelError;
-use crate::image::ToneMap;
+use crate::image::{DenoiseError, Denoiser, ToneMap};
 use crate::render::Cancelled;
 use crate::scene::{Camera, ValidScene};
 
@@ -31,6 +31,8 @@ pub struct Experiment<'a> {
     pub threads: usize,
     /// Instruction set that Embree is restricted to.
     pub isa: Option<String>,
+    /// Denoiser whose images are measured, too, where no target is given.
+    pub denoiser: Option<&'a Denoiser>,
     /// Checkpoint of an interrupted study that is resumed; `start` is then earlier by the time that it had taken.
     pub unfinished: Option<StudyCheckpoint>,
     /// Checkpoint callback, called at intervals so that an interruption loses little.
@@ -52,6 +54,9 @@ pub enum CostError {
          interrupted study, or leave out `--resume`"
     )]
     Other,
+    /// Failure of the denoiser.
+    #[error(transparent)]
+    Denoise(#[from] DenoiseError),
     /// Failure to build an acceleration structure.
     #[error(transparent)]
     Accel(#[from] AccelError),

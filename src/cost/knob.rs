@@ -9,7 +9,7 @@ use super::{HitPath, SceneChange};
 use crate::accel::{Backend, BuildQuality, Instancing, Precision};
 use crate::numeric::SpawnPolicy;
 use crate::render::{Adaptive, FilterKind, HitPoint, Pattern, Plan, RenderSettings};
-use crate::scene::{Effect, Geometry, LightKind, Scene};
+use crate::scene::{Caustics, Effect, Geometry, LightKind, Scene};
 
 /// Fixed ray-origin offsets as fractions of the scene size, in place of an error bound: too small, usual, too large.
 const FIXED_OFFSETS: [f64; 3] = [1e-7, 1e-5, 1e-3];
@@ -20,6 +20,8 @@ const FIXED_OFFSETS: [f64; 3] = [1e-7, 1e-5, 1e-3];
 pub enum Knob {
     /// Number of samples per pixel (spp).
     Samples,
+    /// Number of samples per pixel of images that are denoised.
+    DenoisedSamples,
     /// Sampling pattern within the pixel.
     Pattern,
     /// Standard error that ends the adaptive sampling of a pixel.
@@ -36,6 +38,8 @@ pub enum Knob {
     RoughRays,
     /// Largest number of bounces of diffuse light between surfaces.
     Bounces,
+    /// Number of photons of caustics.
+    Photons,
     /// Length of the ray-marching steps through volumes.
     MarchStep,
     /// Texture filtering over the ray's footprint, on or off.
@@ -56,8 +60,9 @@ pub enum Knob {
 
 impl Knob {
     /// All knobs, in the order of reports.
-    pub const ALL: [Knob; 17] = [
+    pub const ALL: [Knob; 19] = [
         Knob::Samples,
+        Knob::DenoisedSamples,
         Knob::Pattern,
         Knob::Adaptive,
         Knob::Depth,
@@ -66,6 +71,7 @@ impl Knob {
         Knob::LightSamples,
         Knob::RoughRays,
         Knob::Bounces,
+        Knob::Photons,
         Knob::MarchStep,
         Knob::TextureFilter,
         Knob::HitPath,
@@ -80,6 +86,7 @@ impl Knob {
     pub const fn name(self) -> &'static str {
         match self {
             Knob::Samples => "samples",
+            Knob::DenoisedSamples => "samples, denoised",
             Knob::Pattern => "pattern",
             Knob::Adaptive => "adaptive",
             Knob::Depth => "depth",
@@ -88,6 +95,7 @@ impl Knob {
             Knob::LightSamples => "light samples",
             Knob::RoughRays => "rough rays",
             Knob::Bounces => "bounces",
+            Knob::Photons => "photons",
             Knob::MarchStep => "march step",
             Knob::TextureFilter => "texture filter",
             Knob::HitPath => "hit path",
@@ -104,6 +112,7 @@ impl Knob {
         matches!(
             self,
             Knob::Samples
+                | Knob::DenoisedSamples
                 | Knob::Adaptive
                 | Knob::Depth
                 | Knob::Cutoff
@@ -111,6 +120,7 @@ impl Knob {
                 | Knob::LightSamples
                 | Knob::RoughRays
                 | Knob::Bounces
+                | Knob::Photons
                 | Knob::MarchStep
         )
     }
@@ -131,6 +141,9 @@ pub struct LevelRange {
     pub adaptive_samples: u32,
     /// Standard errors, in displayed values, that end adaptive sampling.
     pub adaptive_errors: Vec<f64>,
+    /// True if denoised images are measured, too.
+    #[serde(default)]
+    pub denoises: bool,
 }
 
 impl LevelRange {
@@ -140,6 +153,7 @@ impl LevelRange {
             samples,
             adaptive_samples: samples,
             adaptive_errors: vec![0.04, 0.02, 0.01, 0.005],
+            denoises: false,
         }
     }
 }
@@ -194,6 +208,7 @@ impl KnobLevels<'_> {
         let bounces = self.has(Effect::Reflection) || self.has(Effect::Refraction);
         match knob {
             Knob::Samples => self.samples(),
+            Knob::DenoisedSamples if self.reach.denoises => self.denoised_samples(),
             Knob::Pattern => self.patterns(),
             Knob::Adaptive => self.adaptive(),
             Knob::Depth if bounces => self.depths(),
@@ -202,6 +217,7 @@ impl KnobLevels<'_> {
             Knob::LightSamples if self.has_extended_lights() => self.light_samples(),
             Knob::RoughRays if self.has(Effect::RoughReflection) => self.rough_rays(),
             Knob::Bounces if self.has(Effect::Interreflection) => self.bounces(),
+            Knob::Photons if self.has(Effect::Caustics) => self.photons(),
             Knob::MarchStep if self.has(Effect::Volume) => self.march_steps(),
             Knob::TextureFilter if self.has(Effect::TextureFilter) => self.texture_filter(),
             Knob::HitPath => self.hit_paths(),
@@ -221,6 +237,15 @@ impl KnobLevels<'_> {
             .take_while(|&spp| spp <= self.reach.samples)
             .map(|spp| (spp.to_string(), self.set(|settings| settings.spp = spp)))
             .collect()
+    }
+
+    /// Returns the levels of the samples, each denoised.
+    fn denoised_samples(&self) -> Vec<Level> {
+        let mut levels = self.samples();
+        for (_, configuration) in &mut levels {
+            configuration.denoises = true;
+        }
+        levels
     }
 
     fn patterns(&self) -> Vec<Level> {
@@ -310,6 +335,19 @@ impl KnobLevels<'_> {
 
     fn bounces(&self) -> Vec<Level> {
         self.changed(&[1, 2, 4, 8, 16], |change, count| change.bounces = Some(count))
+    }
+
+    fn photons(&self) -> Vec<Level> {
+        let base = self
+            .base
+            .change
+            .photons
+            .or(self.scene.caustics.map(|caustics| caustics.photons));
+        let base = base.unwrap_or(Caustics::default().photons);
+        // With four times as many photons, the radii of their discs are halved; more take too long in every block
+        let mut counts = vec![base / 64, base / 16, base / 4, base];
+        counts.retain(|count| (1..=Caustics::MAX_PHOTONS).contains(count));
+        self.changed(&counts, |change, count| change.photons = Some(count))
     }
 
     fn changed(&self, counts: &[u32], change: impl Fn(&mut SceneChange, u32)) -> Vec<Level> {

@@ -84,7 +84,7 @@ pub fn forecasts(
         .collect();
     // Combine with the levels of each other knob
     for (place, knob) in Knob::ALL.into_iter().enumerate() {
-        if matches!(knob, Knob::Samples | Knob::Adaptive) {
+        if matches!(knob, Knob::Samples | Knob::DenoisedSamples | Knob::Adaptive) {
             continue;
         }
         let mut turns: Vec<LevelEffect> = of_knob(knob).map(turn).collect();
@@ -236,6 +236,7 @@ pub fn with_knob(configuration: &Configuration, knob: Knob, turned: &Configurati
     let (settings, from) = (&mut result.settings, &turned.settings);
     match knob {
         Knob::Samples => settings.spp = from.spp,
+        Knob::DenoisedSamples => (settings.spp, result.denoises) = (from.spp, turned.denoises),
         Knob::Pattern => settings.pattern = from.pattern,
         Knob::Adaptive => (settings.spp, settings.adaptive) = (from.spp, from.adaptive),
         Knob::Depth => settings.depth = from.depth,
@@ -244,6 +245,7 @@ pub fn with_knob(configuration: &Configuration, knob: Knob, turned: &Configurati
         Knob::LightSamples => result.change.light_samples = turned.change.light_samples,
         Knob::RoughRays => result.change.rough_rays = turned.change.rough_rays,
         Knob::Bounces => result.change.bounces = turned.change.bounces,
+        Knob::Photons => result.change.photons = turned.change.photons,
         Knob::MarchStep => result.change.step_factor = turned.change.step_factor,
         Knob::TextureFilter => settings.effects = from.effects,
         Knob::HitPath => {
@@ -319,6 +321,7 @@ mod tests {
             },
             path: HitPath::BSP,
             change: SceneChange::default(),
+            denoises: false,
         };
         let set = |change: &dyn Fn(&mut Configuration)| {
             let mut configuration = base;

@@ -13,8 +13,8 @@ use crate::accel::{Backend, Precision};
 use crate::image::LinearImage;
 use crate::numeric::SpawnPolicy;
 use crate::render::{HitPoint, Pattern, Plan, RenderSettings};
-use crate::scene::Effect;
 use crate::scene::image_settings::{MAX_DEPTH, MAX_WAVELENGTHS};
+use crate::scene::{Caustics, Effect, Interreflection, Scene};
 
 /// Largest squared error of the reference, as a fraction of the smallest squared error that is reported.
 const REFERENCE_PART: f64 = 0.01;
@@ -30,7 +30,7 @@ const DISAGREEING_PART: f64 = 0.0025;
 const REFERENCE_SEEDS: [u32; 2] = [1_000_000_000, 2_000_000_000];
 
 /// Returns the base with every knob that causes bias at its strictest level.
-pub(super) fn strictest_configuration(base: &Configuration, plan: &Plan) -> Configuration {
+pub(super) fn strictest_configuration(base: &Configuration, scene: &Scene, plan: &Plan) -> Configuration {
     // Sampling noise is reduced by more samples; everything else is set to its strictest level.
     let settings = base.settings;
     let mut effects = settings.effects;
@@ -59,9 +59,19 @@ pub(super) fn strictest_configuration(base: &Configuration, plan: &Plan) -> Conf
             },
             _ => HitPath::BSP,
         },
-        // Halve the steps through volumes, which bias the transmittance.
+        denoises: false,
+        // Halve the steps through volumes, which bias the transmittance; let light bounce on, and halve the radii of
+        // photons.
         change: SceneChange {
             step_factor: 0.5 * base.change.step_factor.min(1.0),
+            bounces: scene.interreflection.map(|interreflection| {
+                let bounces = base.change.bounces.unwrap_or(interreflection.bounces);
+                bounces.saturating_mul(4).min(Interreflection::MAX_BOUNCES)
+            }),
+            photons: scene.caustics.map(|caustics| {
+                let photons = base.change.photons.unwrap_or(caustics.photons);
+                photons.saturating_mul(4).min(Caustics::MAX_PHOTONS)
+            }),
             ..base.change
         }
         .of(plan),
@@ -105,6 +115,10 @@ impl SceneChange {
             } else {
                 1.0
             },
+            bounces: self
+                .bounces
+                .filter(|_| plan.effects().has(Effect::Interreflection)),
+            photons: self.photons.filter(|_| plan.effects().has(Effect::Caustics)),
             ..self
         }
     }

@@ -25,7 +25,7 @@ pub fn run(experiment: &Experiment, observer: &Observer) -> Result<StudyResult, 
         experiment.camera,
         &experiment.base.settings.effects,
     );
-    let strict = strictest_configuration(&experiment.base, &plan);
+    let strict = strictest_configuration(&experiment.base, experiment.scene.get(), &plan);
     let widest = widest(experiment, &plan);
     let stricter = stricter(&strict, &plan);
     let all = || {

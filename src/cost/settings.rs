@@ -101,6 +101,7 @@ mod tests {
                 step_factor: 0.5,
                 ..SceneChange::default()
             },
+            denoises: true,
         };
         let file = SettingsFile {
             settings: configuration.to_settings(),

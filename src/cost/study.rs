@@ -101,7 +101,8 @@ pub struct Point {
     /// Bytes of the acceleration structure, without the vertices that it shares with the scene.
     #[serde(default)]
     pub build_bytes: u64,
-    /// Seconds before the first sample, once per image of any size: mip maps, light tables.
+    /// Seconds before the first sample, once per image of any size: mip maps, light tables. 0 for images with photons,
+    /// whose share of them counts as time of the samples.
     pub ready_seconds: f64,
     /// Seconds for the samples of an image.
     pub seconds: Interval,

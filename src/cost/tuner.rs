@@ -332,6 +332,7 @@ mod tests {
                         settings: settings(spp),
                         path: HitPath::BSP,
                         change: SceneChange::default(),
+                        denoises: false,
                     },
                     turns: {
                         let mut turns = [0; Knob::ALL.len()];

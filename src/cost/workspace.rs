@@ -10,7 +10,7 @@ use crate::accel::{self, Accel, AccelOptions};
 use crate::image::LinearImage;
 use crate::measure::{Observer, Stopwatch, TurnTime};
 use crate::render::{AovSet, LightAovs, PatchGrid, RenderSettings, Rendering, render, render_patches};
-use crate::scene::{Scene, ValidScene};
+use crate::scene::{Effect, Scene, ValidScene};
 
 /// Acceleration structure with its build time in seconds.
 pub(super) struct BuiltAccel<'s> {
@@ -124,18 +124,34 @@ impl<'s> Workspace<'_, 's> {
             cost_aovs: false,
             ..configuration.settings
         };
+        let denoiser = self.experiment.denoiser.filter(|_| configuration.denoises);
+        let settings = match denoiser {
+            Some(_) => settings.with_guides(),
+            None => settings,
+        };
         let monitor = self.observer.monitor();
         // Render the view and measure the time
         let scene = self.scene(configuration);
         let accel = &*self.built(configuration).accel;
         let camera = self.experiment.camera;
         let watch = Stopwatch::start();
-        let rendering = match view {
+        let mut rendering = match view {
             View::Whole(_) => render(scene, camera, accel, &settings, &monitor),
             View::Patches(mosaic) => render_patches((scene, camera), accel, &settings, mosaic, &monitor),
         }?;
-        // Subtract the setup, so that the time is proportional to the samples
-        let time = watch.time().without(rendering.ready_seconds);
+        if let Some(denoiser) = denoiser {
+            rendering.denoise(denoiser, AovSet::NONE)?;
+        }
+        // Subtract the setup, so that the time is proportional to the samples; of photons, which are set up too, the
+        // view bears its share, as their number is a knob
+        let mut time = watch.time();
+        if rendering.plan.effects().has(Effect::Caustics) {
+            let share = area(self.size_of(view)) / area(self.whole_size());
+            time = time.without((1.0 - share) * rendering.ready_seconds);
+            rendering.ready_seconds = 0.0;
+        } else {
+            time = time.without(rendering.ready_seconds);
+        }
         Ok((rendering, time))
     }
 

@@ -8,6 +8,7 @@
 mod atomic_file;
 pub mod cryptomatte;
 mod decode;
+mod denoise;
 mod exr;
 mod load;
 pub mod metrics;
@@ -25,6 +26,7 @@ pub use self::exr::ExrEncoding;
 pub use self::png::{PngBits, PngChannels, PngEncoding};
 pub use atomic_file::{check_writable, write_atomically};
 pub use decode::{DecodedImage, DecodedPixels, TransferCurve, read, read_size};
+pub use denoise::{DenoiseError, DenoiseGuides, Denoiser};
 pub use load::{LoadedImage, load_image};
 pub use tone_operator::ToneOperator;
 pub use tonemap::{ToneMap, linear_from_srgb};

@@ -9,6 +9,7 @@ mod automatic_exposure;
 mod camera;
 mod caustics;
 mod context;
+mod denoise;
 mod driver;
 mod film;
 mod lighting;

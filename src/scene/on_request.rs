@@ -29,7 +29,7 @@ pub struct Caustics {
 }
 
 impl Caustics {
-    /// Largest number of photons that may be requested; they take about 70 bytes each.
+    /// Largest number of photons that may be requested; they take about 110 bytes each.
     pub const MAX_PHOTONS: u32 = 1 << 24;
     /// Largest number of neighbours that may be requested.
     pub const MAX_NEIGHBOURS: u32 = 4096;

@@ -11,6 +11,8 @@ pub struct SceneChange {
     pub rough_rays: Option<u32>,
     /// Largest number of bounces of interreflection; `None` keeps the scene's own.
     pub bounces: Option<u32>,
+    /// Photons of caustics; `None` keeps the scene's own number.
+    pub photons: Option<u32>,
     /// Factor by which march steps through volumes are longer than the volumes' own.
     pub step_factor: f64,
 }
@@ -21,6 +23,7 @@ impl Default for SceneChange {
             light_samples: None,
             rough_rays: None,
             bounces: None,
+            photons: None,
             step_factor: 1.0,
         }
     }
@@ -41,6 +44,9 @@ impl SceneChange {
         }
         if let (Some(bounces), Some(interreflection)) = (self.bounces, &mut scene.interreflection) {
             interreflection.bounces = bounces;
+        }
+        if let (Some(photons), Some(caustics)) = (self.photons, &mut scene.caustics) {
+            caustics.photons = photons;
         }
         if self.step_factor != 1.0 {
             scene.scale_march_steps(self.step_factor);

@@ -8,7 +8,7 @@ use crate::accel::{Backend, BuildQuality, Instancing, Precision};
 use crate::numeric::SpawnPolicy;
 use crate::render::{HitPoint, MIN_ADAPTIVE_ERROR, Pattern, RenderSettings};
 use crate::scene::image_settings::{MAX_DEPTH, MAX_SPP, MAX_WAVELENGTHS};
-use crate::scene::{Effect, Interreflection, MAX_LIGHT_SAMPLES, MAX_ROUGH_RAYS};
+use crate::scene::{Caustics, Effect, Interreflection, MAX_LIGHT_SAMPLES, MAX_ROUGH_RAYS};
 
 /// Largest factor by which march steps may be longer or shorter than the scene's.
 const MAX_STEP_FACTOR: f64 = 1024.0;
@@ -44,6 +44,9 @@ pub struct Settings {
     /// Largest number of bounces of interreflection, in scenes that request it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bounces: Option<u32>,
+    /// Photons of caustics, in scenes that request them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub photons: Option<u32>,
     /// Length of the march steps through volumes, relative to the scene's own.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub march_step: Option<f64>,
@@ -65,6 +68,9 @@ pub struct Settings {
     /// Embree's compact mode, which saves memory rather than time.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub compact: Option<bool>,
+    /// Denoising of the finished image by Open Image Denoise.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub denoise: Option<bool>,
     /// Policy for the origins of rays that leave surfaces.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub spawn: Option<SpawnPolicy>,
@@ -80,6 +86,7 @@ impl Settings {
             light_samples,
             rough_rays,
             bounces,
+            photons,
             step_factor,
         } = *change;
         Settings {
@@ -92,6 +99,7 @@ impl Settings {
             light_samples,
             rough_rays,
             bounces,
+            photons,
             march_step: (step_factor != 1.0).then_some(step_factor),
             texture_filter: settings
                 .effects
@@ -103,6 +111,7 @@ impl Settings {
             instancing: Some(path.instancing),
             build_quality: Some(path.build_quality),
             compact: path.compact.then_some(true),
+            denoise: None,
             spawn: Some(settings.spawn),
             hit_points: Some(settings.hit_points),
         }
@@ -114,6 +123,7 @@ impl Settings {
             light_samples: self.light_samples,
             rough_rays: self.rough_rays,
             bounces: self.bounces,
+            photons: self.photons,
             step_factor: self.march_step.unwrap_or(1.0),
         }
     }
@@ -128,6 +138,7 @@ impl Settings {
             ("light_samples", self.light_samples, 1, MAX_LIGHT_SAMPLES),
             ("rough_rays", self.rough_rays, 0, MAX_ROUGH_RAYS),
             ("bounces", self.bounces, 1, Interreflection::MAX_BOUNCES),
+            ("photons", self.photons, 1, Caustics::MAX_PHOTONS),
         ];
         // Continuous values have an inclusive range, too
         let sizes = [

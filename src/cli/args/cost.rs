@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args as ArgGroup;
 
-use super::{ImageSize, RayOffsetArgs, TracingArgs};
+use super::{DenoiseArgs, ImageSize, RayOffsetArgs, TracingArgs};
 use whit::accel::Backend;
 use whit::render::MIN_ADAPTIVE_ERROR;
 
@@ -13,8 +13,9 @@ const DEFAULT_BUDGET: f64 = 120.0;
 
 const COST_HELP: &str = "\
 Varies every parameter that affects the scene, one at a time: samples per pixel and their pattern, adaptive sampling,
-depth, contribution cutoff, wavelengths, samples per light, rays per lobe, volume steps, the texture filter, the
-backend and its precision, the build of Embree's trees, the computation of hit points and the offset of ray origins.
+depth, contribution cutoff, wavelengths, samples per light, rays per lobe, bounces of interreflection, photons of
+caustics, volume steps, the texture filter, the backend and its precision, the build of Embree's trees, the computation
+of hit points and the offset of ray origins; with --denoise, images of each number of samples are also measured denoised.
 Also compares the hits of the backends with those in f64: leaks, false hits, false shadows and light leaks. Errors are
 those of values as displayed (black is 0, white 1), compared with two independent halves of a reference, one through
 Embree and one through the BSP; times are ratios within blocks that run every setting once. Images are as large as the
@@ -31,6 +32,7 @@ Examples:
   whit cost scene.toml --max-error 0.01 --out scene.cost
   whit cost scene.toml --max-time 2.5 --out scene.cost
   whit cost scene.glb --budget 600 --out scene.cost --resume
+  whit cost scene.toml --denoise --oidn pyoidn/oidn/lib
   whit cost scene.toml --size 320x240 --out scene.cost --date 2026-11-23";
 
 /// Flags of `whit cost`.
@@ -70,6 +72,9 @@ pub(in crate::cli) struct CostArgs {
 
     #[command(flatten)]
     pub(in crate::cli) leaving: RayOffsetArgs,
+
+    #[command(flatten)]
+    pub(in crate::cli) denoising: DenoiseArgs,
 
     /// Also count the instructions per pixel of every setting by valgrind, which takes minutes beyond the budget
     #[arg(long)]

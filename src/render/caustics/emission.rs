@@ -20,6 +20,23 @@ pub(super) struct EmittedPhoton {
 }
 
 impl EmittedPhoton {
+    /// Photon that carries no power.
+    pub(super) const NONE: EmittedPhoton = EmittedPhoton {
+        origin: DVec3::ZERO,
+        direction: DVec3::Z,
+        power: [0.0; 3],
+    };
+
+    /// Returns what separates the photon from others of a light without extent: its point on a plane across parallel light, or
+    /// its direction. `None` for area lights.
+    pub(super) fn of(&self, source: &PhotonSource) -> Option<[f32; 3]> {
+        match source.light.kind {
+            LightKind::Directional { .. } => Some(self.origin.as_vec3().to_array()),
+            LightKind::Point { .. } | LightKind::Spot { .. } => Some(self.direction.as_vec3().to_array()),
+            LightKind::Area { .. } => None,
+        }
+    }
+
     /// Returns the ray of the photon at `time`.
     pub(super) fn ray(&self, time: f32) -> Ray {
         Ray {

@@ -2,7 +2,8 @@
 //!
 //! Before the first wave, lights emit photons towards the objects that reflect or refract sharply ([`emission`]). Photons
 //! follow reflection and refraction as rays do, and are stored where they reach a diffuse surface ([`tracing`]). Each
-//! spreads its power over a disc as wide as photons are sparse ([`photon_map`]), and every diffuse surface adds the light of
+//! spreads its power over a disc as wide as photons are sparse ([`photon_map`]), or an ellipse that is stretched as the
+//! light is ([`photon_kernel`]), and every diffuse surface adds the light of
 //! the discs that cover it ([`gather`]; H. W. Jensen, "Realistic Image Synthesis Using Photon Mapping", 2001). The discs
 //! blur the image of the light a little, and less the more photons there are.
 //!
@@ -16,7 +17,9 @@
 
 mod emission;
 mod gather;
+mod photon_kernel;
 mod photon_map;
+mod photon_tree;
 mod source;
 mod tracing;
 

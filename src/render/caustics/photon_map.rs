@@ -1,82 +1,38 @@
-//! Photon map: photons on surfaces, each with a disc over which its power spreads (H. W. Jensen, "Realistic Image
-//! Synthesis Using Photon Mapping", 2001).
+//! Photon map: photons on surfaces, each with a disc or an ellipse over which its power spreads (H. W. Jensen, "Realistic
+//! Image Synthesis Using Photon Mapping", 2001).
 //!
 //! The radius of a disc is the distance to the k-th nearest neighbour of its photon on the same side of the surface, so
-//! discs are small where photons are dense. The power spreads by Epanechnikov's kernel, K(d) = 2 / (π r²) (1 - d² / r²)
-//! for d < r, whose integral over the disc is 1: a plane receives exactly the power of its photons. The irradiance at a
-//! point is the sum of power times kernel over the discs that cover it.
-//!
-//! Photons are sorted along a balanced k-d tree. Each [`LANES`] of them in turn are a leaf, each as many leaves a node,
-//! and so on to the root, so that the test of a leaf or of a node is one loop over lanes. A node holds the bounds of
-//! its children and the greatest radius in each. Bounds are at most as far from a point as the photons within, also
-//! after rounding, because both distances take the same steps: no photon is lost, whichever way the tree is split.
-
-use std::f32::consts::{FRAC_1_SQRT_2, FRAC_2_PI};
+//! discs are small where photons are dense; [ellipses](super::photon_kernel) take the place of those whose bundle of light
+//! is known. The integral of each kernel is 1: a plane receives exactly the power of its photons. The irradiance at a
+//! point is the sum of power times kernel over the discs that cover it; below, "disc" also stands for "ellipse", and its
+//! radius for the longer one.
 
 use glam::{DVec3, Vec3};
 use multiversion::multiversion;
 
-use crate::numeric::{LANES, Lanes, Lanes3};
+use super::photon_kernel::{KernelShape, PhotonKernel, PhotonOrigin, shapes};
+use super::photon_tree::{Photon, PhotonLevel, lanes_below, levels_over, tree_order};
+use crate::numeric::{LANES, Lanes};
 use crate::parallel;
 
-/// Least cosine between the normals of points on the same side of a surface: 45 degrees.
-const MIN_COS: f32 = FRAC_1_SQRT_2;
-/// Greatest height over the plane of a photon, as a fraction of the radius of its disc or of the distance.
-const MAX_HEIGHT: f32 = 0.3;
 /// Least radius of a disc, as a fraction of the largest coordinate of its photon and of the largest radius.
 ///
-/// Photons at the same point would have a radius of zero. This one, times [`MAX_HEIGHT`], is more than twice the
+/// Photons at the same point would have a radius of zero. This one, times the greatest height over a photon's plane, is more than twice the
 /// distance by which the rounding of coordinates moves two points apart: 2 √3 times 2^-24.
 const MIN_RADIUS: f32 = 16.0 * f32::EPSILON;
 /// Number of levels of the tallest tree: 2^32 photons, with [`LANES`] children a node.
 const MAX_LEVELS: usize = 8;
 /// Number of photons whose radii one task computes.
 const PHOTONS_PER_TASK: usize = 1 << 10;
-/// Least number of photons that is sorted on a thread of its own.
-const MIN_PARALLEL: usize = 1 << 11;
-
-/// Photon that arrived at a diffuse surface, in world space.
-#[derive(Clone, Copy, Debug)]
-pub(in crate::render) struct Photon {
-    pub(in crate::render) position: [f32; 3],
-    /// Unit vector to where the photon came from.
-    pub(in crate::render) direction: [f32; 3],
-    /// Unit geometric normal on the side at which the photon arrived.
-    pub(in crate::render) normal: [f32; 3],
-    /// Power in watts, linear RGB; may be negative.
-    pub(in crate::render) power: [f32; 3],
-    /// Index of the light in the scene.
-    pub(in crate::render) light: u32,
-}
-
-impl Photon {
-    /// Returns whether a point with its normal is on the same side of a surface as the photon, and near the plane of
-    /// the photon for a distance whose square is given.
-    #[inline(always)]
-    fn shares_surface(&self, p: Vec3, normal: Vec3, squared_distance: f32) -> bool {
-        let height = (p - Vec3::from(self.position)).dot(self.normal.into());
-        let is_near = height * height <= MAX_HEIGHT * MAX_HEIGHT * squared_distance;
-        is_near & (normal.dot(self.normal.into()) >= MIN_COS)
-    }
-}
 
 /// Photons in the order of a tree that finds those whose discs cover a point.
 #[derive(Debug, Default)]
 pub(in crate::render) struct PhotonMap {
     photons: Vec<Photon>,
+    /// Kernel of each photon.
+    kernels: Vec<PhotonKernel>,
     /// Leaves, whose children are photons, then the nodes above them; the last level is the root alone.
     levels: Vec<PhotonLevel>,
-}
-
-/// Nodes of one level of the tree, each with its children in lanes.
-#[derive(Debug)]
-struct PhotonLevel {
-    /// Lower corners of the bounds of children; infinite in lanes without a child.
-    min: Vec<Lanes3<f32>>,
-    /// Upper corners; empty in the level of leaves, where bounds are points.
-    max: Vec<Lanes3<f32>>,
-    /// Square of the greatest radius in each child; 0 in lanes without a child.
-    squared_radius: Vec<Lanes<f32>>,
 }
 
 /// Node that a search for neighbours has yet to visit.
@@ -90,6 +46,7 @@ struct PendingNode {
 /// Search for the neighbours of photons, by which the radii of discs are chosen.
 struct RadiusSearch<'m> {
     map: &'m PhotonMap,
+    shapes: &'m [KernelShape],
     /// Number of neighbours to which a disc reaches, at least 1.
     neighbours: usize,
     max_radius: f32,
@@ -104,21 +61,35 @@ impl PhotonMap {
     ///
     /// Neighbours have a normal within 45 degrees of the photon's own, and are near its plane; several at one position
     /// count. A disc has at least the radius that f32 positions resolve: 2^-19 of the photon's largest coordinate and
-    /// of `max_radius`, which must be positive. Photons whose position is not finite are left out. The result does not
-    /// depend on the number of threads.
-    pub(in crate::render) fn new(photons: Vec<Photon>, neighbours: usize, max_radius: f32) -> PhotonMap {
+    /// of `max_radius`, which must be positive. Photons with an origin may have an ellipse in place of a disc. Photons
+    /// whose position is not finite are left out. The result does not depend on the number of threads.
+    pub(in crate::render) fn new(
+        photons: &[Photon],
+        origins: &[Option<PhotonOrigin>],
+        neighbours: usize,
+        max_radius: f32,
+    ) -> PhotonMap {
         debug_assert!(max_radius > 0.0 && photons.len() <= u32::MAX as usize);
+        debug_assert_eq!(photons.len(), origins.len());
         // Build the tree
-        let photons = sorted(&photons);
-        if photons.is_empty() {
+        let order = tree_order(photons);
+        if order.is_empty() {
             return PhotonMap::default();
         }
+        let photons: Vec<Photon> = order.iter().map(|&index| photons[index as usize]).collect();
         let levels = levels_over(&photons);
-        let mut map = PhotonMap { photons, levels };
-        // Compute the radii, then bound them
+        let mut map = PhotonMap {
+            photons,
+            kernels: Vec::new(),
+            levels,
+        };
+        // Fit shapes, then compute their radii
+        let origins: Vec<_> = order.iter().map(|&index| origins[index as usize]).collect();
+        let shapes = shapes(&map.photons, &origins, neighbours);
         let radii = parallel::map_chunks(&map.photons, PHOTONS_PER_TASK, &|task, photons| {
             let mut search = RadiusSearch {
                 map: &map,
+                shapes: &shapes,
                 neighbours: neighbours.max(1),
                 max_radius,
                 pending: Vec::new(),
@@ -126,7 +97,12 @@ impl PhotonMap {
             };
             squared_radii(&mut search, task * PHOTONS_PER_TASK, photons.len())
         });
-        map.set_radii(radii.concat());
+        let radii = radii.concat();
+        let kernel = |((photon, shape), &radius): ((&Photon, &KernelShape), &f32)| {
+            PhotonKernel::new(shape, radius, least_radius(photon, max_radius))
+        };
+        map.kernels = map.photons.iter().zip(&shapes).zip(&radii).map(kernel).collect();
+        map.set_radii(radii);
         map
     }
 
@@ -160,7 +136,8 @@ impl PhotonMap {
             let corners = size_of_val(&level.min[..]) + size_of_val(&level.max[..]);
             corners + size_of_val(&level.squared_radius[..])
         });
-        size_of_val(&self.photons[..]) + of_levels.sum::<usize>()
+        let kernels = size_of_val(&self.kernels[..]);
+        size_of_val(&self.photons[..]) + kernels + of_levels.sum::<usize>()
     }
 
     /// Stores the radii of all photons, and above these the greatest one in each child.
@@ -175,96 +152,6 @@ impl PhotonMap {
     }
 }
 
-impl PhotonLevel {
-    /// Creates the nodes over the bounds of children: lower and upper corners. Radii are yet unknown.
-    fn new(children: &[[Vec3; 2]]) -> PhotonLevel {
-        let node_count = children.len().div_ceil(LANES);
-        let mut min = vec![[[f32::INFINITY; LANES]; 3]; node_count];
-        let mut max = vec![[[f32::NEG_INFINITY; LANES]; 3]; node_count];
-        for (child, corners) in children.iter().enumerate() {
-            for axis in 0..3 {
-                min[child / LANES][axis][child % LANES] = corners[0][axis];
-                max[child / LANES][axis][child % LANES] = corners[1][axis];
-            }
-        }
-        PhotonLevel {
-            min,
-            max,
-            squared_radius: vec![[0.0; LANES]; node_count],
-        }
-    }
-
-    /// Returns the squares of the distances of a node's children to a point; infinite in lanes without one.
-    #[inline(always)]
-    fn squared_distances(&self, node: usize, p: Vec3) -> Lanes<f32> {
-        let min = &self.min[node];
-        let max = self.max.get(node).unwrap_or(min);
-        let mut squared = [0.0; LANES];
-        for l in 0..LANES {
-            let mut outside = [0.0; 3];
-            for axis in 0..3 {
-                let [below, above] = [min[axis][l] - p[axis], p[axis] - max[axis][l]];
-                let farther = if below > above { below } else { above };
-                outside[axis] = if farther > 0.0 { farther } else { 0.0 };
-            }
-            squared[l] = Vec3::from(outside).length_squared();
-        }
-        squared
-    }
-}
-
-/// Returns the photons with finite positions in the order of the tree.
-fn sorted(photons: &[Photon]) -> Vec<Photon> {
-    let keys = photons.iter().map(|photon| photon.position).zip(0..);
-    let mut keys: Vec<([f32; 3], u32)> = keys.filter(|(p, _)| Vec3::from(*p).is_finite()).collect();
-    sort_into_leaves(&mut keys);
-    keys.iter().map(|&(_, index)| photons[index as usize]).collect()
-}
-
-/// Sorts positions and indices of photons, so that each aligned run of [`LANES`] times a power of two of them is a cell
-/// of a k-d tree, which is split across the longest edge of its bounds.
-fn sort_into_leaves(keys: &mut [([f32; 3], u32)]) {
-    let leaf_count = keys.len().div_ceil(LANES);
-    if leaf_count < 2 {
-        // Do not leave the order within a leaf to the way of sorting
-        keys.sort_unstable_by_key(|key| key.1);
-        return;
-    }
-    // Fill the lower half, so that only the last leaf of all has lanes without a photon
-    let middle = LANES * leaf_count.next_power_of_two() / 2;
-    let [min, max] = union(keys.iter().map(|&(p, _)| [p.into(); 2]));
-    let axis = (max - min).max_position();
-    keys.select_nth_unstable_by(middle, |(a, index), (b, other)| {
-        a[axis].total_cmp(&b[axis]).then(index.cmp(other))
-    });
-    let (lower, upper) = keys.split_at_mut(middle);
-    if lower.len() >= MIN_PARALLEL {
-        parallel::join(|| sort_into_leaves(lower), || sort_into_leaves(upper));
-    } else {
-        sort_into_leaves(lower);
-        sort_into_leaves(upper);
-    }
-}
-
-/// Returns the bounds of several bounds: lower and upper corners.
-fn union(bounds: impl Iterator<Item = [Vec3; 2]>) -> [Vec3; 2] {
-    let empty = [Vec3::INFINITY, Vec3::NEG_INFINITY];
-    bounds.fold(empty, |[min, max], [low, high]| [min.min(low), max.max(high)])
-}
-
-/// Returns the levels of the tree over sorted photons, of which there must be one at least, without radii.
-fn levels_over(photons: &[Photon]) -> Vec<PhotonLevel> {
-    let mut children: Vec<[Vec3; 2]> = photons.iter().map(|photon| [photon.position.into(); 2]).collect();
-    let mut levels = vec![PhotonLevel::new(&children)];
-    levels[0].max = Vec::new();
-    while children.len() > LANES {
-        let nodes = children.chunks(LANES);
-        children = nodes.map(|node| union(node.iter().copied())).collect();
-        levels.push(PhotonLevel::new(&children));
-    }
-    levels
-}
-
 /// Returns the squares of the radii of `count` photons from the one of index `first`.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
@@ -276,6 +163,14 @@ fn squared_radii(search: &mut RadiusSearch, first: usize, count: usize) -> Vec<f
         *radius = search.squared_radius(index);
     }
     radii
+}
+
+/// Returns the least radius of a photon's disc; its square does not underflow even where all is at the origin.
+#[inline(always)]
+fn least_radius(photon: &Photon, max_radius: f32) -> f32 {
+    let largest = |largest: f32, x: f32| largest.max(x.abs());
+    let largest = photon.position.into_iter().fold(max_radius, largest);
+    (MIN_RADIUS * largest).max(f32::MIN_POSITIVE.sqrt())
 }
 
 impl RadiusSearch<'_> {
@@ -301,12 +196,7 @@ impl RadiusSearch<'_> {
             limit = self.last_neighbour();
         }
         self.nearest.clear();
-        // Bound the radius from below; its square must not underflow even where all is at the origin
-        let p = self.map.photons[index].position;
-        let largest = p
-            .into_iter()
-            .fold(self.max_radius, |largest, x| largest.max(x.abs()));
-        let least = (MIN_RADIUS * largest).max(f32::MIN_POSITIVE.sqrt());
+        let least = least_radius(&self.map.photons[index], self.max_radius);
         limit.max(least * least)
     }
 
@@ -339,9 +229,11 @@ impl RadiusSearch<'_> {
                 continue;
             }
             let other = &self.map.photons[child];
+            let offset = Vec3::from(other.position) - Vec3::from(photon.position);
+            let reach = self.shapes[index].squared_reach(offset, squared[l]);
             let is_near = photon.shares_surface(other.position.into(), other.normal.into(), squared[l]);
-            if is_near & (child != index) {
-                self.nearest.push(squared[l].to_bits());
+            if is_near & (child != index) & (reach < limit) {
+                self.nearest.push(reach.to_bits());
             }
         }
         let stacked = &mut self.pending[stacked..];
@@ -385,29 +277,20 @@ fn collect_covering(map: &PhotonMap, p: Vec3, normal: Vec3, found: &mut Vec<(u32
         // Add a photon of the leaf whose distances were computed last
         let squared_radius = map.levels[0].squared_radius[indices[0]][l];
         if map.photons[child].shares_surface(p, normal, squared_radius) {
-            let per_area = squared_radius.recip();
-            // Rounding may carry the ratio of areas beyond 1
-            let kernel = FRAC_2_PI * per_area * (1.0 - squared[l] * per_area).max(0.0);
-            found.push((child as u32, kernel));
+            let offset = p - Vec3::from(map.photons[child].position);
+            let kernel = map.kernels[child].value(offset, squared[l]);
+            if kernel > 0.0 {
+                found.push((child as u32, kernel));
+            }
         }
     }
-}
-
-/// Returns one bit for each lane: whether its value is below its limit.
-#[inline(always)]
-fn lanes_below(values: &Lanes<f32>, limits: &Lanes<f32>) -> u32 {
-    // Sum up twice the bits, and what all lanes add for that, since compilers take a union of bits apart
-    let mut sum = 0;
-    for l in 0..LANES {
-        sum += if values[l] < limits[l] { 3 << l } else { 1 << l };
-    }
-    (sum - ((1 << LANES) - 1)) >> 1
 }
 
 #[cfg(test)]
 mod tests {
     use std::f64::consts::PI;
 
+    use super::super::photon_tree::MIN_COS;
     use super::*;
     use crate::numeric::SplitMix64;
 
@@ -438,6 +321,11 @@ mod tests {
         photons
     }
 
+    /// Returns the map of photons without origins, which have discs.
+    fn built(photons: &[Photon], neighbours: usize, max_radius: f32) -> PhotonMap {
+        PhotonMap::new(photons, &vec![None; photons.len()], neighbours, max_radius)
+    }
+
     fn radius_of(map: &PhotonMap, index: usize) -> f64 {
         f64::from(map.levels[0].squared_radius[index / LANES][index % LANES]).sqrt()
     }
@@ -458,7 +346,7 @@ mod tests {
     fn radii_are_those_of_a_search_through_all_photons() {
         let mut random = SplitMix64::new(11, 1);
         for (count, neighbours, max_radius) in [(15, 3, 0.5), (600, 1, 0.2), (1500, 10, 0.05)] {
-            let map = PhotonMap::new(corner_photons(count, &mut random), neighbours, max_radius);
+            let map = built(&corner_photons(count, &mut random), neighbours, max_radius);
             for (index, photon) in map.photons.iter().enumerate() {
                 let others = map.photons.iter().enumerate().filter(|other| other.0 != index);
                 let points = others.map(|(_, other)| (position(other), other.normal.into()));
@@ -480,7 +368,7 @@ mod tests {
         let mut random = SplitMix64::new(12, 1);
         let mut found = Vec::new();
         for (count, neighbours) in [(1, 4), (17, 4), (300, 5), (3000, 20)] {
-            let map = PhotonMap::new(corner_photons(count, &mut random), neighbours, 0.1);
+            let map = built(&corner_photons(count, &mut random), neighbours, 0.1);
             for query in 0..300 {
                 // Points on the surfaces, off them, and at photons
                 let at = corner_photons(1, &mut random)[0];
@@ -511,7 +399,7 @@ mod tests {
 
     #[test]
     fn kernel_integrates_to_one() {
-        let map = PhotonMap::new(vec![photon([0.0; 3], Vec3::Z)], 1, 0.5);
+        let map = built(&[photon([0.0; 3], Vec3::Z)], 1, 0.5);
         let mut found = Vec::new();
         // Rings of equal area, π / 4 in all
         let mut sum = 0.0;
@@ -532,7 +420,7 @@ mod tests {
             ..photon([random.unit(), random.unit().powi(2), 0.0], Vec3::Z)
         };
         let photons: Vec<Photon> = (0..500).map(&mut photon).collect();
-        let map = PhotonMap::new(photons, 20, 0.25);
+        let map = built(&photons, 20, 0.25);
         // Integrate over all discs: [-0.25, 1.25]² in 600² cells
         let cell = 1.5 / 600.0;
         let mut found = Vec::new();
@@ -553,9 +441,18 @@ mod tests {
     #[test]
     fn map_is_the_same_for_any_number_of_threads() {
         let photons = corner_photons(10_000, &mut SplitMix64::new(14, 1));
+        let origin = |(index, photon): (usize, &Photon)| {
+            (index % 4 != 0).then_some(PhotonOrigin {
+                emitted: photon.position,
+                group: [0, 1, index as u32 % 2, 0],
+            })
+        };
+        let origins: Vec<_> = photons.iter().enumerate().map(origin).collect();
         let built = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
-            let map = parallel::install(&pool.build().unwrap(), || PhotonMap::new(photons.clone(), 8, 0.1));
+            let map = parallel::install(&pool.build().unwrap(), || {
+                PhotonMap::new(&photons, &origins, 8, 0.1)
+            });
             // Printed numbers are exact
             format!("{map:?}")
         };
@@ -576,11 +473,11 @@ mod tests {
             vec![at([1e6, -1e6, 1e6]); 100],
         ];
         let lines = [1e-30, 1e-6, 1e6].map(line);
-        let rules = [(0, 1.0), (4, 1.0), (200, 1.0), (4, f32::MIN_POSITIVE), (4, 1e30)];
+        let rules = [(0, 1.0), (4, 1.0), (200, 1.0), (4, f32::MIN_POSITIVE), (4, 1e18)];
         let mut found = vec![(7, 7.0)];
         for photons in sets.into_iter().chain(lines) {
             for (neighbours, max_radius) in rules {
-                let map = PhotonMap::new(photons.clone(), neighbours, max_radius);
+                let map = built(&photons, neighbours, max_radius);
                 assert_eq!(map.is_empty(), position(&photons[0]).is_nan());
                 // Each photon covers its own position
                 for photon in &map.photons {

@@ -14,7 +14,9 @@ use super::super::surface::{ConeSource, Surfaces};
 use super::super::tile::{TILE, Tile};
 use super::super::wavefront::{BatchInfo, PathState, RayQueue, RayWorkItem, ShadingState, TracedPacket};
 use super::emission::{EmittedPhoton, emit};
-use super::photon_map::{Photon, PhotonMap};
+use super::photon_kernel::PhotonOrigin;
+use super::photon_map::PhotonMap;
+use super::photon_tree::Photon;
 use super::source::{CausticTarget, PhotonSource, targets};
 use crate::accel::{BATCH, Coherence, RayPacket};
 use crate::numeric::LANES;
@@ -43,12 +45,13 @@ impl RenderContext<'_> {
         let start = Instant::now();
         let settings = self.scene.caustics.unwrap_or_default();
         let targets = targets(self.scene);
-        let (photons, taken) = self.traced_photons(&targets, settings.photons, monitor)?;
+        let ((photons, origins), taken) = self.traced_photons(&targets, settings.photons, monitor)?;
         // Build the map, with discs that are small beside the objects
         let largest = targets.iter().map(|target| target.radius).fold(0.0, f64::max);
         let max_radius = (MAX_DISC * largest) as f32;
         let has_photons = !photons.is_empty() && max_radius > 0.0;
-        self.photons = has_photons.then(|| PhotonMap::new(photons, settings.neighbours as usize, max_radius));
+        self.photons =
+            has_photons.then(|| PhotonMap::new(&photons, &origins, settings.neighbours as usize, max_radius));
         // Book the whole time under one account
         let threads = rayon::current_num_threads() as f64;
         let seconds = if self.settings.ledger {
@@ -59,13 +62,13 @@ impl RenderContext<'_> {
         Ok(taken.gathered(Category::Caustics, seconds))
     }
 
-    /// Returns the photons that reach diffuse surfaces, in the order of their numbers.
+    /// Returns the photons that reach diffuse surfaces with their origins, in the order of their numbers.
     fn traced_photons(
         &self,
         targets: &[CausticTarget],
         count: u32,
         monitor: &Monitor,
-    ) -> Result<(Vec<Photon>, RenderProfile), Cancelled> {
+    ) -> Result<(StoredPhotons, RenderProfile), Cancelled> {
         let sources = self.photon_sources(targets, count);
         // Divide the photons of each light into chunks
         let chunks_of = |source: &PhotonSource| source.count.div_ceil(CHUNK);
@@ -83,7 +86,7 @@ impl RenderContext<'_> {
             Ok(tracer.trace((targets, far), chunk))
         });
         // Join them in order
-        let mut photons = Vec::new();
+        let mut stored = StoredPhotons::default();
         let mut ledger = RenderProfile::default();
         let probes = Tally {
             rays: sources.iter().map(|source| source.probes).sum(),
@@ -92,10 +95,11 @@ impl RenderContext<'_> {
         ledger.book(Category::Caustics, probes);
         for chunk in traced {
             let (of_chunk, taken) = chunk?;
-            photons.extend(of_chunk);
+            stored.0.extend(of_chunk.0);
+            stored.1.extend(of_chunk.1);
             ledger += taken;
         }
-        Ok((photons, ledger))
+        Ok((stored, ledger))
     }
 
     /// Returns a distance from each target beyond which there is nothing but infinite planes.
@@ -117,6 +121,9 @@ impl RenderContext<'_> {
     }
 }
 
+/// Photons on diffuse surfaces, and the origins of those with one.
+type StoredPhotons = (Vec<Photon>, Vec<Option<PhotonOrigin>>);
+
 /// Working memory for the photons of one chunk.
 struct PhotonTracer<'f, 's> {
     frame: &'f RenderContext<'s>,
@@ -124,9 +131,9 @@ struct PhotonTracer<'f, 's> {
     current: RayQueue,
     surfaces: Box<Surfaces>,
     outcome: ShadingState<'f, 's>,
-    /// Power of each photon of the chunk at its light.
-    powers: Vec<[f64; 3]>,
-    photons: Vec<Photon>,
+    /// Photons of the chunk as they leave the light; without power where there is none.
+    emitted: Vec<EmittedPhoton>,
+    stored: StoredPhotons,
 }
 
 impl<'f, 's> PhotonTracer<'f, 's> {
@@ -154,13 +161,17 @@ impl<'f, 's> PhotonTracer<'f, 's> {
             current: RayQueue::of_frame(frame),
             surfaces: Box::new(Surfaces::new(frame.effects())),
             outcome,
-            powers: Vec::with_capacity(CHUNK as usize),
-            photons: Vec::new(),
+            emitted: Vec::with_capacity(CHUNK as usize),
+            stored: StoredPhotons::default(),
         }
     }
 
     /// Traces chunk `chunk` of the photons of the light.
-    fn trace(&mut self, (targets, far): (&[CausticTarget], f64), chunk: u32) -> (Vec<Photon>, RenderProfile) {
+    fn trace(
+        &mut self,
+        (targets, far): (&[CausticTarget], f64),
+        chunk: u32,
+    ) -> (StoredPhotons, RenderProfile) {
         // Emit the photons, then follow them wave by wave
         self.emit_chunk((targets, far), chunk);
         for depth in 0..MAX_STEPS {
@@ -177,7 +188,7 @@ impl<'f, 's> PhotonTracer<'f, 's> {
                 std::mem::swap(&mut self.current, &mut **next);
             }
         }
-        (std::mem::take(&mut self.photons), self.outcome.meter.ledger)
+        (std::mem::take(&mut self.stored), self.outcome.meter.ledger)
     }
 
     /// Queues the rays of the photons of a chunk.
@@ -195,11 +206,10 @@ impl<'f, 's> PhotonTracer<'f, 's> {
             for l in 0..LANES.min((count - start) as usize) {
                 let u = pairs.map(|pair| [pair[0][l], pair[1][l]]);
                 let emitted = emit(self.source, targets, u, far);
-                self.powers
-                    .push(emitted.as_ref().map_or([0.0; 3], |photon| photon.power));
-                if let Some(photon) = emitted {
-                    self.queue(start + l as u32, &photon, time);
+                if let Some(photon) = &emitted {
+                    self.queue(start + l as u32, photon, time);
                 }
+                self.emitted.push(emitted.unwrap_or(EmittedPhoton::NONE));
             }
         }
     }
@@ -269,8 +279,8 @@ impl<'f, 's> PhotonTracer<'f, 's> {
                 store(
                     &traced,
                     &self.surfaces,
-                    (self.source.number, &self.powers),
-                    &mut self.photons,
+                    (self.source, &self.emitted),
+                    &mut self.stored,
                 );
                 if effects.has(Effect::Reflection) {
                     outcome.reflect::<false>(traced, &self.surfaces, stage);
@@ -292,21 +302,22 @@ fn has_hit(packet: &RayPacket) -> bool {
 fn store(
     traced: &TracedPacket,
     surfaces: &Surfaces,
-    (light, powers): (u32, &[[f64; 3]]),
-    photons: &mut Vec<Photon>,
+    (source, emitted): (&PhotonSource, &[EmittedPhoton]),
+    (photons, origins): &mut StoredPhotons,
 ) {
     let Some(path_states) = traced.path_states else {
         return;
     };
     let points = &surfaces.points;
     for l in (0..LANES).filter(|&l| traced.packet.active[l] != 0 && points.hit[l]) {
-        let is_turned = path_states.lane(l).bent;
-        if !is_turned || !surfaces.materials.scatters_light_samples(l) {
+        let state = path_states.lane(l);
+        if !state.bent || !surfaces.materials.scatters_light_samples(l) {
             continue;
         }
         // Scale the power at the light by what is left of the photon
-        let power = powers[traced.pixel[l] as usize];
-        let power: [f32; 3] = std::array::from_fn(|c| (f64::from(traced.weight[c][l]) * power[c]) as f32);
+        let photon = &emitted[traced.pixel[l] as usize];
+        let weighted = |c: usize| (f64::from(traced.weight[c][l]) * photon.power[c]) as f32;
+        let power: [f32; 3] = std::array::from_fn(weighted);
         if power == [0.0; 3] || power.iter().any(|channel| !channel.is_finite()) {
             continue;
         }
@@ -315,7 +326,16 @@ fn store(
             direction: [0, 1, 2].map(|axis| points.wo[axis][l]),
             normal: [0, 1, 2].map(|axis| points.ng[axis][l]),
             power,
-            light,
+            light: source.number,
         });
+        origins.push(photon.of(source).map(|emitted| PhotonOrigin {
+            emitted,
+            group: [
+                source.number,
+                state.depth,
+                traced.packet.instance[l],
+                state.wavelength.to_bits(),
+            ],
+        }));
     }
 }

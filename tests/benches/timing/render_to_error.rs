@@ -108,6 +108,7 @@ fn base(filed: &FiledScene) -> Configuration {
             _ => HitPath::BSP,
         },
         change: SceneChange::default(),
+        denoises: false,
     }
 }
 
@@ -124,6 +125,7 @@ fn choose(scene: &Scene, base: Configuration) -> (Configuration, Choice) {
         start: Instant::now(),
         threads: rayon::current_num_threads(),
         isa: None,
+        denoiser: None,
         unfinished: None,
         keep: None,
     };

@@ -11,6 +11,7 @@ fn base(path: HitPath) -> Configuration {
         settings: RenderSettings::default(),
         path,
         change: SceneChange::default(),
+        denoises: false,
     }
 }
 

@@ -3,6 +3,7 @@
 mod aovs;
 mod checkpoints;
 mod cryptomatte;
+mod denoise;
 mod estimated_error;
 mod light_groups;
 mod patch_sampling;

@@ -91,13 +91,17 @@ const ENTRIES: [Entry; 20] = [
 ];
 
 /// Scenes that the reference tracer cannot render, with the reason.
-const BEYOND: [(&str, &str); 15] = [
+const BEYOND: [(&str, &str); 16] = [
     (
         "caustics",
         "tests/it/lighting/caustics.rs compares photons with closed forms",
     ),
     (
         "cornell_box",
+        "tests/it/lighting/interreflection.rs compares interreflection with closed forms",
+    ),
+    (
+        "door",
         "tests/it/lighting/interreflection.rs compares interreflection with closed forms",
     ),
     ("depth_of_field", "rays start at random points of the lens"),

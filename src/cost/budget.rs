@@ -40,6 +40,8 @@ const LAID_OUT: f64 = 0.85;
 const PILOT_PART: f64 = 0.04;
 /// Fraction of the budget after which no block begins; the remaining work is small.
 pub(super) const MEASURED_PART: f64 = 0.94;
+/// Part of the scene's photons that images of a study have.
+const STUDIED_PHOTONS: u32 = 16;
 /// Samples per pixel of the images that check whether stricter knobs still matter.
 const STRICTER_SPP: u32 = 16;
 /// Samples per pixel of these checks with a target, where the change must be small only relative to the target.
@@ -79,6 +81,13 @@ fn candidates(experiment: &Experiment, plan: &Plan, base_spp: u32, reach: &Level
         None => base.settings.spp.min(base_spp),
         Some(_) => base_spp,
     };
+    // A study traces photons anew for each of its images; their own knob shows what the scene's number brings
+    if experiment.target.is_none()
+        && let Some(caustics) = experiment.scene.get().caustics
+    {
+        let photons = base.change.photons.unwrap_or(caustics.photons);
+        base.change.photons = Some((photons / STUDIED_PHOTONS).max(1));
+    }
     // List the levels of all knobs; patches of an image cannot be denoised
     let reach = LevelRange {
         denoises: experiment.denoiser.is_some() && experiment.target.is_none(),

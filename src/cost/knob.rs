@@ -344,8 +344,8 @@ impl KnobLevels<'_> {
             .photons
             .or(self.scene.caustics.map(|caustics| caustics.photons));
         let base = base.unwrap_or(Caustics::default().photons);
-        // With four times as many photons, the radii of their discs are halved; more take too long in every block
-        let mut counts = vec![base / 64, base / 16, base / 4, base];
+        // With four times as many photons, the radii of their discs are halved
+        let mut counts = vec![base / 4, base, base.saturating_mul(4), base.saturating_mul(16)];
         counts.retain(|count| (1..=Caustics::MAX_PHOTONS).contains(count));
         self.changed(&counts, |change, count| change.photons = Some(count))
     }

@@ -78,6 +78,18 @@ pub(super) fn strictest_configuration(base: &Configuration, scene: &Scene, plan:
     }
 }
 
+/// Returns `strict` with fewer photons, for the checks of other knobs: whether these matter does not depend on photons, which
+/// are traced anew for every image.
+pub(super) fn checked_configuration(strict: &Configuration) -> Configuration {
+    Configuration {
+        change: SceneChange {
+            photons: strict.change.photons.map(|photons| (photons / 64).max(1)),
+            ..strict.change
+        },
+        ..*strict
+    }
+}
+
 /// Returns a configuration for each knob that causes bias, with that knob even stricter than in `strict`.
 pub(super) fn stricter(strict: &Configuration, plan: &Plan) -> Vec<(Knob, Configuration)> {
     let has = |effect| plan.effects().has(effect);

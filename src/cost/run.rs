@@ -6,7 +6,7 @@ use super::accumulated_reference::AccumulatedReference;
 use super::budget::widest;
 use super::layout::Layout;
 use super::measure::Measured;
-use super::reference::{checks, stricter, strictest_configuration};
+use super::reference::{checked_configuration, checks, stricter, strictest_configuration};
 use super::workspace::Workspace;
 use super::{CostError, Experiment, HitPath, PatchReference, SceneChange, StudyResult};
 use crate::measure::Observer;
@@ -27,11 +27,12 @@ pub fn run(experiment: &Experiment, observer: &Observer) -> Result<StudyResult, 
     );
     let strict = strictest_configuration(&experiment.base, experiment.scene.get(), &plan);
     let widest = widest(experiment, &plan);
-    let stricter = stricter(&strict, &plan);
+    let checked = checked_configuration(&strict);
+    let stricter = stricter(&checked, &plan);
     let all = || {
         let measured = widest.iter().map(|candidate| candidate.configuration);
         measured
-            .chain([strict])
+            .chain([strict, checked])
             .chain(stricter.iter().map(|(_, configuration)| *configuration))
     };
     // Build a scene for each change and an acceleration structure for each path
@@ -60,7 +61,7 @@ pub fn run(experiment: &Experiment, observer: &Observer) -> Result<StudyResult, 
             stage.refine(&layout, &strict, &mut reference)?;
             let mut left = Vec::new();
             for (knob, configuration) in &stricter {
-                left.push((*knob, stage.residual_bias(&layout, &strict, configuration)?));
+                left.push((*knob, stage.residual_bias(&layout, &checked, configuration)?));
             }
             let measured = Measured::none(layout.candidates.len(), &reference);
             (layout, reference, left, measured)

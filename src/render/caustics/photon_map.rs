@@ -17,8 +17,8 @@ use crate::parallel;
 
 /// Least radius of a disc, as a fraction of the largest coordinate of its photon and of the largest radius.
 ///
-/// Photons at the same point would have a radius of zero. This one, times the greatest height over a photon's plane, is more than twice the
-/// distance by which the rounding of coordinates moves two points apart: 2 √3 times 2^-24.
+/// Photons at the same point would have a radius of zero. This one, times the greatest height over a photon's plane, is
+/// more than twice the distance by which the rounding of coordinates moves two points apart: 2 √3 times 2^-24.
 const MIN_RADIUS: f32 = 16.0 * f32::EPSILON;
 /// Number of levels of the tallest tree: 2^32 photons, with [`LANES`] children a node.
 const MAX_LEVELS: usize = 8;

@@ -105,6 +105,14 @@ fn measure(
     progress: &Progress,
 ) -> Result<(StudyResult, ToneMap), Failure> {
     let name = args.scene.display().to_string();
+    let denoiser = args.denoising.denoiser(false)?;
+    if denoiser.is_some() && (args.max_error.is_some() || args.max_time.is_some()) {
+        return Err(Failure::Input(
+            "a search for settings measures parts of images, which cannot be denoised: leave out `--denoise`, or \
+             `--max-error` and `--max-time`"
+                .into(),
+        ));
+    }
     // Load the scene
     progress.phase(&name, "load");
     let size = args.size.map(|size| [size.width, size.height]);
@@ -141,7 +149,6 @@ fn measure(
             }
         }
     });
-    let denoiser = args.denoising.denoiser(false)?;
     // Describe the experiment
     let experiment = Experiment {
         scene,

@@ -163,6 +163,11 @@ impl RenderJob {
                     .into(),
             ));
         }
+        if denoiser.is_some() && aim.is_some() {
+            return Err(Failure::Input(
+                "`--error` and `--max-time` choose settings of images that are not denoised: leave out `--denoise`".into(),
+            ));
+        }
         // Collect the flags into the job
         let mut job = RenderJob {
             targets,

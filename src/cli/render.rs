@@ -172,7 +172,6 @@ fn render_one(
         }
         Ok(rendering)
     })?;
-
     seconds.render = render_seconds;
     resolved.tone.exposure_ev = exposure.stops(&rendering.image, rendering.alpha.as_deref());
     seconds.trace = rendering.ledger.trace_seconds();

@@ -10,6 +10,11 @@ pub struct Interreflection {
 impl Interreflection {
     /// Largest number of bounces that may be requested. Most paths in white rooms end long before.
     pub const MAX_BOUNCES: u32 = 256;
+
+    /// Checks the number of bounces; the error is the end of a sentence.
+    pub(super) fn check(&self) -> Result<(), String> {
+        check_count("has", "bounces", self.bounces, Interreflection::MAX_BOUNCES)
+    }
 }
 
 impl Default for Interreflection {
@@ -33,6 +38,12 @@ impl Caustics {
     pub const MAX_PHOTONS: u32 = 1 << 24;
     /// Largest number of neighbours that may be requested.
     pub const MAX_NEIGHBOURS: u32 = 4096;
+
+    /// Checks the numbers of photons and neighbours; the error is the end of a sentence.
+    pub(super) fn check(&self) -> Result<(), String> {
+        check_count("have", "photons", self.photons, Caustics::MAX_PHOTONS)?;
+        check_count("have", "neighbours", self.neighbours, Caustics::MAX_NEIGHBOURS)
+    }
 }
 
 impl Default for Caustics {
@@ -43,4 +54,11 @@ impl Default for Caustics {
             neighbours: 32,
         }
     }
+}
+
+fn check_count(verb: &str, what: &str, count: u32, allowed: u32) -> Result<(), String> {
+    if (1..=allowed).contains(&count) {
+        return Ok(());
+    }
+    Err(format!("{verb} {count} {what}: give 1 to {allowed}"))
 }

@@ -13,8 +13,8 @@ use super::validate_material::{
 };
 use super::validate_value::{UNIT_TOLERANCE, check_coordinate_range, is_radiance, is_size};
 use super::{
-    AlphaMode, Background, Camera, Caustics, Geometry, Instance, Interreflection, Material, Projection,
-    Scene, Shutter, Space, Texels, Texture,
+    AlphaMode, Background, Camera, Geometry, Instance, Material, Projection, Scene, Shutter, Space, Texels,
+    Texture,
 };
 use crate::numeric::{AnimatedTransform, Bounds};
 use crate::shape::Implicit;
@@ -110,25 +110,14 @@ impl Scene {
                 "is negative or not finite: give 0 or more",
             ));
         }
-        if let Some(Interreflection { bounces }) = self.interreflection
-            && !(1..=Interreflection::MAX_BOUNCES).contains(&bounces)
-        {
-            let allowed = Interreflection::MAX_BOUNCES;
-            let fault = format!("has {bounces} bounces: give 1 to {allowed}");
-            return Err(error("the interreflection", fault));
-        }
         // Check the effects that are simulated on request
+        if let Some(interreflection) = self.interreflection {
+            interreflection
+                .check()
+                .map_err(|fault| error("the interreflection", fault))?;
+        }
         if let Some(caustics) = self.caustics {
-            let counts = [
-                ("photons", caustics.photons, Caustics::MAX_PHOTONS),
-                ("neighbours", caustics.neighbours, Caustics::MAX_NEIGHBOURS),
-            ];
-            for (what, count, allowed) in counts {
-                if !(1..=allowed).contains(&count) {
-                    let fault = format!("have {count} {what}: give 1 to {allowed}");
-                    return Err(error("the caustics", fault));
-                }
-            }
+            caustics.check().map_err(|fault| error("the caustics", fault))?;
         }
         let background: &[[f32; 3]] = match &self.background {
             Background::Uniform(color) => &[*color],

@@ -24,7 +24,12 @@ impl DenoiseArgs {
     /// Loads the denoiser if these flags or a settings file (`is_set`) request it.
     pub(in crate::cli) fn denoiser(&self, is_set: bool) -> Result<Option<Denoiser>, Failure> {
         if !self.denoise && !is_set {
-            return Ok(None);
+            return match self.oidn {
+                None => Ok(None),
+                Some(_) => Err(Failure::Input(
+                    "`--oidn` names a denoiser that nothing uses: give `--denoise`, too".into(),
+                )),
+            };
         }
         let loaded = Denoiser::load(self.oidn.as_deref());
         loaded

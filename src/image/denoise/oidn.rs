@@ -57,21 +57,29 @@ impl OidnLibrary {
         // SAFETY: initialisers of the library run here; the user names the library or the system provides it, as with
         // any library that a program is linked to.
         let library = unsafe { Library::new(file) }.map_err(|error| error.to_string())?;
+        // Looks up a function, whose type is that of the field that it is assigned to.
+        macro_rules! symbol {
+            ($name:literal) => {
+                // SAFETY: each field below has the type that the library's header declares for this name, and the library
+                // stays open beside it.
+                unsafe { symbol(&library, $name) }?
+            };
+        }
         Ok(OidnLibrary {
-            new_device: symbol(&library, "oidnNewDevice")?,
-            set_device_int: symbol(&library, "oidnSetDeviceInt")?,
-            set_device_bool: symbol(&library, "oidnSetDeviceBool")?,
-            device_int: symbol(&library, "oidnGetDeviceInt")?,
-            commit_device: symbol(&library, "oidnCommitDevice")?,
-            release_device: symbol(&library, "oidnReleaseDevice")?,
-            last_error: symbol(&library, "oidnGetDeviceError")?,
-            new_filter: symbol(&library, "oidnNewFilter")?,
-            set_image: symbol(&library, "oidnSetSharedFilterImage")?,
-            set_filter_bool: symbol(&library, "oidnSetFilterBool")?,
-            set_filter_int: symbol(&library, "oidnSetFilterInt")?,
-            commit_filter: symbol(&library, "oidnCommitFilter")?,
-            execute_filter: symbol(&library, "oidnExecuteFilter")?,
-            release_filter: symbol(&library, "oidnReleaseFilter")?,
+            new_device: symbol!("oidnNewDevice"),
+            set_device_int: symbol!("oidnSetDeviceInt"),
+            set_device_bool: symbol!("oidnSetDeviceBool"),
+            device_int: symbol!("oidnGetDeviceInt"),
+            commit_device: symbol!("oidnCommitDevice"),
+            release_device: symbol!("oidnReleaseDevice"),
+            last_error: symbol!("oidnGetDeviceError"),
+            new_filter: symbol!("oidnNewFilter"),
+            set_image: symbol!("oidnSetSharedFilterImage"),
+            set_filter_bool: symbol!("oidnSetFilterBool"),
+            set_filter_int: symbol!("oidnSetFilterInt"),
+            commit_filter: symbol!("oidnCommitFilter"),
+            execute_filter: symbol!("oidnExecuteFilter"),
+            release_filter: symbol!("oidnReleaseFilter"),
             _library: Arc::new(library),
         })
     }
@@ -94,9 +102,13 @@ impl OidnLibrary {
     }
 }
 
-/// Returns the function `name` of a library as a pointer of type `F`, which must be the function's type.
-fn symbol<F: Copy>(library: &Library, name: &str) -> Result<F, String> {
-    // SAFETY: the callers give each function the type that the library's header declares.
+/// Returns the function `name` of a library as a pointer of type `F`.
+///
+/// # Safety
+///
+/// `F` must be the function's type, and the pointer must not be called once the library is closed.
+unsafe fn symbol<F: Copy>(library: &Library, name: &str) -> Result<F, String> {
+    // SAFETY: `F` is the function's type, as this function requires.
     let found: Result<Symbol<F>, _> = unsafe { library.get(name.as_bytes()) };
     found.map(|symbol| *symbol).map_err(|error| error.to_string())
 }

@@ -20,6 +20,8 @@ use crate::parallel;
 /// Photons at the same point would have a radius of zero. This one, times the greatest height over a photon's plane, is
 /// more than twice the distance by which the rounding of coordinates moves two points apart: 2 √3 times 2^-24.
 const MIN_RADIUS: f32 = 16.0 * f32::EPSILON;
+/// Greatest radius of a disc: its square and the inverse of that are normal numbers.
+const MAX_RADIUS: f32 = (1u64 << 62) as f32;
 /// Number of levels of the tallest tree: 2^32 photons, with [`LANES`] children a node.
 const MAX_LEVELS: usize = 8;
 /// Number of photons whose radii one task computes.
@@ -71,6 +73,8 @@ impl PhotonMap {
     ) -> PhotonMap {
         debug_assert!(max_radius > 0.0 && photons.len() <= u32::MAX as usize);
         debug_assert_eq!(photons.len(), origins.len());
+        // The squares of radii must be finite, and so must their inverses
+        let max_radius = max_radius.min(MAX_RADIUS);
         // Build the tree
         let order = tree_order(photons);
         if order.is_empty() {
@@ -98,10 +102,11 @@ impl PhotonMap {
             squared_radii(&mut search, task * PHOTONS_PER_TASK, photons.len())
         });
         let radii = radii.concat();
-        let kernel = |((photon, shape), &radius): ((&Photon, &KernelShape), &f32)| {
-            PhotonKernel::new(shape, radius, least_radius(photon, max_radius))
+        let kernel = |index: usize| {
+            let least = min_radius(&map.photons[index], max_radius);
+            PhotonKernel::new(&shapes[index], radii[index], least)
         };
-        map.kernels = map.photons.iter().zip(&shapes).zip(&radii).map(kernel).collect();
+        map.kernels = (0..map.photons.len()).map(kernel).collect();
         map.set_radii(radii);
         map
     }
@@ -167,7 +172,7 @@ fn squared_radii(search: &mut RadiusSearch, first: usize, count: usize) -> Vec<f
 
 /// Returns the least radius of a photon's disc; its square does not underflow even where all is at the origin.
 #[inline(always)]
-fn least_radius(photon: &Photon, max_radius: f32) -> f32 {
+fn min_radius(photon: &Photon, max_radius: f32) -> f32 {
     let largest = |largest: f32, x: f32| largest.max(x.abs());
     let largest = photon.position.into_iter().fold(max_radius, largest);
     (MIN_RADIUS * largest).max(f32::MIN_POSITIVE.sqrt())
@@ -196,7 +201,7 @@ impl RadiusSearch<'_> {
             limit = self.last_neighbour();
         }
         self.nearest.clear();
-        let least = least_radius(&self.map.photons[index], self.max_radius);
+        let least = min_radius(&self.map.photons[index], self.max_radius);
         limit.max(least * least)
     }
 
@@ -473,7 +478,7 @@ mod tests {
             vec![at([1e6, -1e6, 1e6]); 100],
         ];
         let lines = [1e-30, 1e-6, 1e6].map(line);
-        let rules = [(0, 1.0), (4, 1.0), (200, 1.0), (4, f32::MIN_POSITIVE), (4, 1e18)];
+        let rules = [(0, 1.0), (4, 1.0), (200, 1.0), (4, f32::MIN_POSITIVE), (4, 1e30)];
         let mut found = vec![(7, 7.0)];
         for photons in sets.into_iter().chain(lines) {
             for (neighbours, max_radius) in rules {

@@ -45,13 +45,19 @@ impl RenderContext<'_> {
         let start = Instant::now();
         let settings = self.scene.caustics.unwrap_or_default();
         let targets = targets(self.scene);
-        let ((photons, origins), taken) = self.traced_photons(&targets, settings.photons, monitor)?;
+        let (stored, taken) = self.traced_photons(&targets, settings.photons, monitor)?;
         // Build the map, with discs that are small beside the objects
         let largest = targets.iter().map(|target| target.radius).fold(0.0, f64::max);
         let max_radius = (MAX_DISC * largest) as f32;
-        let has_photons = !photons.is_empty() && max_radius > 0.0;
-        self.photons =
-            has_photons.then(|| PhotonMap::new(&photons, &origins, settings.neighbours as usize, max_radius));
+        let has_photons = !stored.photons.is_empty() && max_radius > 0.0;
+        self.photons = has_photons.then(|| {
+            PhotonMap::new(
+                &stored.photons,
+                &stored.origins,
+                settings.neighbours as usize,
+                max_radius,
+            )
+        });
         // Book the whole time under one account
         let threads = rayon::current_num_threads() as f64;
         let seconds = if self.settings.ledger {
@@ -95,8 +101,8 @@ impl RenderContext<'_> {
         ledger.book(Category::Caustics, probes);
         for chunk in traced {
             let (of_chunk, taken) = chunk?;
-            stored.0.extend(of_chunk.0);
-            stored.1.extend(of_chunk.1);
+            stored.photons.extend(of_chunk.photons);
+            stored.origins.extend(of_chunk.origins);
             ledger += taken;
         }
         Ok((stored, ledger))
@@ -121,8 +127,12 @@ impl RenderContext<'_> {
     }
 }
 
-/// Photons on diffuse surfaces, and the origins of those with one.
-type StoredPhotons = (Vec<Photon>, Vec<Option<PhotonOrigin>>);
+/// Photons on diffuse surfaces, and as many origins; area lights have none.
+#[derive(Default)]
+struct StoredPhotons {
+    photons: Vec<Photon>,
+    origins: Vec<Option<PhotonOrigin>>,
+}
 
 /// Working memory for the photons of one chunk.
 struct PhotonTracer<'f, 's> {
@@ -303,7 +313,7 @@ fn store(
     traced: &TracedPacket,
     surfaces: &Surfaces,
     (source, emitted): (&PhotonSource, &[EmittedPhoton]),
-    (photons, origins): &mut StoredPhotons,
+    stored: &mut StoredPhotons,
 ) {
     let Some(path_states) = traced.path_states else {
         return;
@@ -321,14 +331,14 @@ fn store(
         if power == [0.0; 3] || power.iter().any(|channel| !channel.is_finite()) {
             continue;
         }
-        photons.push(Photon {
+        stored.photons.push(Photon {
             position: points.point(l).as_vec3().to_array(),
             direction: [0, 1, 2].map(|axis| points.wo[axis][l]),
             normal: [0, 1, 2].map(|axis| points.ng[axis][l]),
             power,
             light: source.number,
         });
-        origins.push(photon.of(source).map(|emitted| PhotonOrigin {
+        stored.origins.push(photon.of(source).map(|emitted| PhotonOrigin {
             emitted,
             group: [
                 source.number,

@@ -148,4 +148,10 @@ fn absent_library_is_one_sentence() {
     let [scene, out, empty] = [scene, &out, folder.path()].map(|path| path.to_str().unwrap());
     let flags = ["render", scene, "-o", out, "--denoise", "--oidn", empty];
     fails_with(2, "pip install pyoidn", &flags);
+    // Flags that say nothing together
+    fails_with(
+        2,
+        "give `--denoise`",
+        &["render", scene, "-o", out, "--oidn", empty],
+    );
 }

@@ -17,7 +17,7 @@ const REMEDY: &str =
 
 /// The functions that whit calls; their types come along.
 const FUNCTIONS: &str = "rtc(NewDevice|ReleaseDevice|GetDeviceProperty|GetDeviceError|SetDeviceErrorFunction\
-    |SetDeviceMemoryMonitorFunction|NewScene|ReleaseScene|CommitScene|SetSceneFlags|SetSceneBuildQuality\
+    |SetDeviceMemoryMonitorFunction|NewScene|ReleaseScene|CommitScene|GetSceneBounds|SetSceneFlags|SetSceneBuildQuality\
     |SetSceneProgressMonitorFunction|NewGeometry|ReleaseGeometry|CommitGeometry|AttachGeometryByID\
     |SetGeometryBuildQuality|SetGeometryMask|SetSharedGeometryBuffer|SetNewGeometryBuffer|SetGeometryUserPrimitiveCount\
     |SetGeometryTimeStepCount\

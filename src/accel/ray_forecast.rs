@@ -10,7 +10,7 @@ pub struct RayForecast {
     /// Other rays with coherent neighbours: camera rays through a lens, and shadow rays from the first surface to an
     /// area.
     pub coherent: f64,
-    /// Rays after a bounce, with their shadow rays.
+    /// Rays after a bounce, with their shadow rays, and shadow rays to an environment.
     pub incoherent: f64,
 }
 

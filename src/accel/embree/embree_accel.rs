@@ -5,7 +5,8 @@ use std::sync::Arc;
 use super::build::scene_build::{self, Built};
 use super::device::Device;
 use super::query::direction_scale::RescaledRays;
-use super::query::trace::{Width, trace};
+use super::query::packet_width::{Width, Widths};
+use super::query::trace::trace;
 use super::scene::EmbreeScene;
 use super::user_geometry::primitives::UserGeometry;
 use super::{instance_kind, native_instances};
@@ -22,8 +23,7 @@ pub struct EmbreeAccel<'s> {
     pub(super) world: EmbreeScene<'s>,
     users: [Arc<UserGeometry<'s>>; 2],
     device: Device,
-    /// SIMD widths for coherent and for incoherent rays.
-    widths: [Width; 2],
+    widths: Widths,
     planes: Planes,
     instanced_mesh_count: usize,
     native_instance_count: usize,
@@ -77,11 +77,11 @@ impl<'s> EmbreeAccel<'s> {
         if held_back_count > 0 {
             summary += &format!(", {held_back_count} duplicate triangles left out");
         }
-        // Choose packet widths for coherent and incoherent rays
+        // Choose the widths of packets
         let user_count: usize = users.iter().map(|user| user.object_count()).sum();
         let object_count = user_count + native_instance_count;
         let callback_primitive_count = object_count + users[0].triangle_cluster_count();
-        let widths = [width, width.for_incoherent(callback_primitive_count)];
+        let widths = Widths::new(width, callback_primitive_count, world.size());
         let is_instanced = |instance: &&Instance| instance_kind::instanced_mesh(scene, instance).is_some();
         Ok(EmbreeAccel {
             world,
@@ -99,13 +99,8 @@ impl<'s> EmbreeAccel<'s> {
 
     #[inline(always)]
     fn trace(&self, packets: &mut [RayPacket], order: Coherence, query: Query) {
-        let [coherent, incoherent] = self.widths;
-        let width = match order {
-            Coherence::Coherent => coherent,
-            Coherence::Incoherent => incoherent,
-        };
         let rescaled = RescaledRays::of(packets);
-        trace(&self.world, width, packets, order, query);
+        trace(&self.world, self.widths, packets, order, query);
         rescaled.restore(packets);
         self.planes.trace(packets, query);
     }

@@ -2,6 +2,7 @@
 
 use std::ffi::c_void;
 use std::marker::PhantomData;
+use std::mem::MaybeUninit;
 
 use embree_sys as sys;
 
@@ -134,5 +135,24 @@ impl<'s> EmbreeScene<'s> {
         device.check("build a scene")?;
         stage.finish();
         Ok(())
+    }
+
+    /// Returns the size of the box around all primitives along its longest axis; valid only after
+    /// [`EmbreeScene::commit`]. Not positive if there are none.
+    pub(super) fn size(&self) -> f32 {
+        let mut bounds = MaybeUninit::uninit();
+        // SAFETY: the scene is live and committed, and the pointer is to memory for one box.
+        unsafe { sys::rtcGetSceneBounds(self.handle, bounds.as_mut_ptr()) };
+        // SAFETY: the call above has written every coordinate.
+        let sys::RTCBounds {
+            lower_x,
+            lower_y,
+            lower_z,
+            upper_x,
+            upper_y,
+            upper_z,
+            ..
+        } = unsafe { bounds.assume_init() };
+        (upper_x - lower_x).max(upper_y - lower_y).max(upper_z - lower_z)
     }
 }

@@ -47,9 +47,8 @@ pub fn forecast_rays(scene: ValidScene, settings: &RenderSettings) -> RayForecas
             LightKind::Area { samples, .. } => to_area += f64::from(samples),
         }
     }
-    if effects.has(Effect::Environment) {
-        to_area += 1.0;
-    }
+    // Rays to an environment that start next to each other may point anywhere
+    let to_environment = f64::from(u8::from(effects.has(Effect::Environment)));
     // Transparent shadows take the nearest hits from surface to surface, which are not traced in groups
     if effects.has(Effect::TransparentShadow) {
         to_area += std::mem::take(&mut to_end);
@@ -73,6 +72,6 @@ pub fn forecast_rays(scene: ValidScene, settings: &RenderSettings) -> RayForecas
         from_point,
         to_end: samples * to_end,
         coherent: samples - from_point + samples * to_area,
-        incoherent: bounces * (1.0 + to_end + to_area),
+        incoherent: bounces * (1.0 + to_end + to_area + to_environment) + samples * to_environment,
     }
 }

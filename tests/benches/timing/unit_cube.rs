@@ -45,7 +45,7 @@ pub(crate) fn spheres(count: usize) -> Scene {
 /// Returns the rays of a square film one below the eye, which looks down from `height` above the middle of the cube's
 /// floor, in packets of 4 x 4.
 pub(crate) fn film_rays(height: f32) -> Vec<RayPacket> {
-    packets(|block, lane| {
+    packets(LANES, |block, lane| {
         let x = block % BLOCKS * PACKET_SIDE + lane % PACKET_SIDE;
         let y = block / BLOCKS * PACKET_SIDE + lane / PACKET_SIDE;
         let at = |pixel: usize| (pixel as f32 + 0.5) / SIDE as f32;
@@ -56,18 +56,29 @@ pub(crate) fn film_rays(height: f32) -> Vec<RayPacket> {
 
 /// Returns as many rays as a film has, from anywhere in the cube through anywhere else in it.
 pub(crate) fn random_rays() -> Vec<RayPacket> {
-    packets(|block, lane| {
+    packets(LANES, |block, lane| {
         let i = 1 + block * LANES + lane;
         let (from, to) = (point(i * 3).as_vec3(), point(i * 7 + 1).as_vec3());
         Ray::new(from, to - from)
     })
 }
 
-/// Returns packets of which `ray` gives every lane, by the packet's number and the lane's.
-fn packets(ray: impl Fn(usize, usize) -> Ray) -> Vec<RayPacket> {
+/// Returns packets of `lanes` rays that start within 0.01 of each other and whose directions differ by at most twice
+/// `spread` along each axis.
+pub(crate) fn nearby_rays(spread: f64, lanes: usize) -> Vec<RayPacket> {
+    packets(lanes, |block, lane| {
+        let (center, to) = (point(block * 3), point(block * 7 + 1));
+        let [a, b] = [1, 2].map(|k| 2.0 * point(k * (1 + block * LANES + lane)) - DVec3::ONE);
+        let direction = (to - center).normalize() + spread * b;
+        Ray::new((center + 0.005 * a).as_vec3(), direction.normalize().as_vec3())
+    })
+}
+
+/// Returns packets of which `ray` gives the first `lanes` lanes, by the packet's number and the lane's.
+fn packets(lanes: usize, ray: impl Fn(usize, usize) -> Ray) -> Vec<RayPacket> {
     let packet = |block: usize| {
         let mut packet = RayPacket::EMPTY;
-        for lane in 0..LANES {
+        for lane in 0..lanes {
             packet.set(lane, &ray(block, lane));
         }
         packet

@@ -1,80 +1,21 @@
-//! Packet queries: traces packets at the width that the processor supports natively, or as single rays.
+//! Packet queries: traces packets at their width, without the rays that Embree cannot trace.
 
-use std::fmt;
 use std::mem::{MaybeUninit, offset_of};
 
 use embree_sys as sys;
 use multiversion::multiversion;
 
+use super::packet_width::{Width, Widths};
 use super::ray_packet::{Lanes, hit_of, is_vanishing, row};
-use crate::accel::embree::device::Device;
 use crate::accel::embree::native_instances;
 use crate::accel::embree::scene::{EmbreeScene, SceneRef};
-use crate::accel::{Coherence, Kernel, LANES, NO_HIT, Query, RayPacket};
-
-/// Number of rays in one Embree call.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::accel::embree) enum Width {
-    /// The whole packet, without a copy.
-    Sixteen,
-    /// Halves of the packet, copied.
-    Eight,
-    /// Quarters of the packet, copied.
-    Four,
-    /// Single lanes, each copied.
-    One,
-}
-
-impl Width {
-    /// Returns the largest native width; Embree would split wider packets itself, Embree 4 into single rays.
-    pub(in crate::accel::embree) fn of(device: &Device, kernel: Kernel) -> Width {
-        if kernel == Kernel::Single {
-            Width::One
-        } else if device.has(sys::RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) {
-            Width::Sixteen
-        } else if device.has(sys::RTC_DEVICE_PROPERTY_NATIVE_RAY8_SUPPORTED) {
-            Width::Eight
-        } else if device.has(sys::RTC_DEVICE_PROPERTY_NATIVE_RAY4_SUPPORTED) {
-            Width::Four
-        } else {
-            Width::One
-        }
-    }
-}
-
-/// Least number of user-geometry primitives, or instances of Embree's own, at which incoherent rays are traced one by
-/// one. Embree traverses both with the packet as a whole, every ray into every node that any of them hits, and not ray
-/// by ray as it does over triangles: measured against single rays (`cargo bench --bench timing -- packet_width`) that
-/// is slower from some hundred spheres on, nine times with 10^5.
-const MANY_OBJECTS: usize = 256;
-
-impl Width {
-    /// Returns the width for incoherent rays in a scene with that many shapes and instanced meshes.
-    pub(in crate::accel::embree) fn for_incoherent(self, object_count: usize) -> Width {
-        if object_count >= MANY_OBJECTS {
-            Width::One
-        } else {
-            self
-        }
-    }
-}
-
-impl fmt::Display for Width {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str(match self {
-            Width::Sixteen => "packets of 16",
-            Width::Eight => "packets of 8",
-            Width::Four => "packets of 4",
-            Width::One => "single rays",
-        })
-    }
-}
+use crate::accel::{Coherence, LANES, NO_HIT, Query, RayPacket};
 
 /// Traces every packet with a traceable lane, with the query that suits its rays.
 #[inline]
 pub(in crate::accel::embree) fn trace(
     scene: &EmbreeScene,
-    width: Width,
+    widths: Widths,
     packets: &mut [RayPacket],
     order: Coherence,
     query_kind: Query,
@@ -87,10 +28,14 @@ pub(in crate::accel::embree) fn trace(
             packet.drop_beyond(native_instances::RAY_LIMIT);
         }
         // Embree must see neither untraceable rays nor a wrong coherence flag
-        let query = match keep_traceable(packet) {
-            Remaining::Nothing => continue,
-            Remaining::MayBeCoherent => coherent,
-            Remaining::MustBeIncoherent => incoherent,
+        let remaining = keep_traceable(packet);
+        if remaining == Remaining::Nothing {
+            continue;
+        }
+        let (width, order) = widths.of(packet, order);
+        let query = match (remaining, order) {
+            (Remaining::MayBeCoherent, Coherence::Coherent) => coherent,
+            _ => incoherent,
         };
         match width {
             Width::Sixteen => trace_packet(scene, query, packet, query_kind),

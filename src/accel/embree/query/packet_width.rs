@@ -1,0 +1,201 @@
+//! Choice of the number of rays in one Embree call: packets at the width that the processor supports, or single rays.
+
+use std::fmt;
+
+use embree_sys as sys;
+use multiversion::multiversion;
+
+use crate::accel::embree::device::Device;
+use crate::accel::{Coherence, Kernel, LANES, RayPacket};
+
+/// Number of rays in one Embree call.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::accel::embree) enum Width {
+    /// The whole packet, without a copy.
+    Sixteen,
+    /// Halves of the packet, copied.
+    Eight,
+    /// Quarters of the packet, copied.
+    Four,
+    /// Single lanes, each copied.
+    One,
+}
+
+impl Width {
+    /// Returns the largest native width; Embree would split wider packets itself, Embree 4 into single rays.
+    pub(in crate::accel::embree) fn of(device: &Device, kernel: Kernel) -> Width {
+        if kernel == Kernel::Single {
+            Width::One
+        } else if device.has(sys::RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) {
+            Width::Sixteen
+        } else if device.has(sys::RTC_DEVICE_PROPERTY_NATIVE_RAY8_SUPPORTED) {
+            Width::Eight
+        } else if device.has(sys::RTC_DEVICE_PROPERTY_NATIVE_RAY4_SUPPORTED) {
+            Width::Four
+        } else {
+            Width::One
+        }
+    }
+}
+
+impl fmt::Display for Width {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(match self {
+            Width::Sixteen => "packets of 16",
+            Width::Eight => "packets of 8",
+            Width::Four => "packets of 4",
+            Width::One => "single rays",
+        })
+    }
+}
+
+/// Least number of user-geometry primitives, or instances of Embree's own, at which incoherent packets that share few
+/// nodes are traced one ray at a time. Embree traverses both with the packet as a whole, every ray into every node that
+/// any of them hits, and not ray by ray as it does over triangles.
+const MANY_OBJECTS: usize = 256;
+/// Least number of active lanes, and largest extents of origins and directions, of an incoherent packet that is traced
+/// as one through many objects. Measured on the secondary rays of glossy, mirroring and interreflecting scenes
+/// (`cargo bench --bench timing -- packet_width`): up to here packets take 0.2 to 0.9 of the time of single rays, with
+/// few lanes up to twice as long, and with rays between any two points of a scene up to nine times.
+const LEAST_LANES: u32 = 9;
+/// Extent of the origins relative to the scene's.
+const WIDEST_ORIGINS: f32 = 0.5;
+/// Extent of the directions relative to their length.
+const WIDEST_DIRECTIONS: f32 = 1.5;
+/// Largest extent of the directions, relative to their length, of rays that are traced as coherent. Packets whose
+/// directions differ more take up to twice as long as coherent ones than as incoherent ones, others as long.
+const COHERENT_DIRECTIONS: f32 = 0.25;
+
+/// Choice of a width for each packet of a scene.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::accel::embree) struct Widths {
+    /// Width for packets that are not traced one ray at a time.
+    packet: Width,
+    has_many_objects: bool,
+    /// Largest extent of the origins of an incoherent packet that is traced as one.
+    widest_origins: f32,
+}
+
+impl Widths {
+    /// Returns the choice for a scene of that size along its longest axis, with that many shapes, instanced meshes and
+    /// clusters of triangles.
+    pub(in crate::accel::embree) fn new(packet: Width, object_count: usize, size: f32) -> Widths {
+        Widths {
+            packet,
+            has_many_objects: object_count >= MANY_OBJECTS,
+            widest_origins: WIDEST_ORIGINS * size,
+        }
+    }
+
+    /// Returns how to trace a packet, of which `order` tells what its sender expects.
+    #[inline(always)]
+    pub(super) fn of(self, packet: &RayPacket, order: Coherence) -> (Width, Coherence) {
+        // Rays to a large light or an environment that start next to each other may point anywhere
+        if order == Coherence::Coherent && is_narrow(packet) {
+            return (self.packet, Coherence::Coherent);
+        }
+        if self.has_many_objects && !is_near(packet, self.widest_origins) {
+            return (Width::One, Coherence::Incoherent);
+        }
+        (self.packet, Coherence::Incoherent)
+    }
+}
+
+/// Returns whether the active rays differ so little in direction that Embree's traversal of coherent rays pays.
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2", "x86_64+sse4.2"))]
+fn is_narrow(packet: &RayPacket) -> bool {
+    let directions = extent(&packet.direction, &active_lanes(packet));
+    directions.width <= COHERENT_DIRECTIONS * directions.largest
+}
+
+/// Returns whether enough rays are active, and start and point near enough to each other, to be traced as one packet.
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2", "x86_64+sse4.2"))]
+fn is_near(packet: &RayPacket, widest_origins: f32) -> bool {
+    let is_active = active_lanes(packet);
+    let lanes: u32 = is_active.iter().map(|&active| u32::from(active)).sum();
+    let (origins, directions) = (
+        extent(&packet.origin, &is_active),
+        extent(&packet.direction, &is_active),
+    );
+    lanes >= LEAST_LANES
+        && origins.width <= widest_origins
+        && directions.width <= WIDEST_DIRECTIONS * directions.largest
+}
+
+#[inline(always)]
+fn active_lanes(packet: &RayPacket) -> [bool; LANES] {
+    std::array::from_fn(|lane| packet.active[lane] != 0)
+}
+
+/// Extent of the points or directions of a packet's active lanes.
+struct Extent {
+    /// Size of the box around them along its longest axis.
+    width: f32,
+    /// Largest absolute coordinate.
+    largest: f32,
+}
+
+#[inline(always)]
+fn extent(rows: &[[f32; LANES]; 3], is_active: &[bool; LANES]) -> Extent {
+    let mut extent = Extent {
+        width: 0.0,
+        largest: 0.0,
+    };
+    for row in rows {
+        let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
+        for lane in 0..LANES {
+            low = low.min(if is_active[lane] { row[lane] } else { f32::INFINITY });
+            high = high.max(if is_active[lane] {
+                row[lane]
+            } else {
+                f32::NEG_INFINITY
+            });
+        }
+        extent.width = extent.width.max(high - low);
+        extent.largest = extent.largest.max(high).max(-low);
+    }
+    extent
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::numeric::Ray;
+    use glam::Vec3;
+
+    /// Returns `lanes` rays that start along the x axis and point up, and up to `tilt` aside.
+    fn fan(lanes: usize, length: f32, tilt: f32) -> RayPacket {
+        let mut packet = RayPacket::EMPTY;
+        for lane in 0..lanes {
+            let share = lane as f32 / (lanes - 1) as f32;
+            let direction = Vec3::new(tilt * share, 0.0, 1.0);
+            packet.set(lane, &Ray::new(Vec3::X * length * share, direction));
+        }
+        packet
+    }
+
+    #[test]
+    fn incoherent_packets_through_many_objects_are_traced_together_if_they_are_full_and_near() {
+        let widths = Widths::new(Width::Sixteen, MANY_OBJECTS, 10.0);
+        let width = |packet: &RayPacket| widths.of(packet, Coherence::Incoherent).0;
+        assert_eq!(width(&fan(16, 1.0, 1.0)), Width::Sixteen);
+        assert_eq!(width(&fan(8, 1.0, 1.0)), Width::One);
+        assert_eq!(width(&fan(16, 6.0, 1.0)), Width::One);
+        assert_eq!(width(&fan(16, 1.0, -4.0)), Width::Sixteen);
+        // The directions of these differ by more than their length
+        let mut opposed = fan(16, 1.0, 1.0);
+        opposed.set(3, &Ray::new(Vec3::ZERO, Vec3::NEG_Z));
+        assert_eq!(width(&opposed), Width::One);
+        let few = Widths::new(Width::Sixteen, MANY_OBJECTS - 1, 10.0);
+        assert_eq!(few.of(&opposed, Coherence::Incoherent).0, Width::Sixteen);
+    }
+
+    #[test]
+    fn coherent_packets_are_traced_as_such_if_their_directions_agree() {
+        let widths = Widths::new(Width::Sixteen, MANY_OBJECTS, 10.0);
+        let of = |packet: &RayPacket| widths.of(packet, Coherence::Coherent);
+        assert_eq!(of(&fan(2, 9.0, 0.2)), (Width::Sixteen, Coherence::Coherent));
+        assert_eq!(of(&fan(16, 1.0, 1.0)), (Width::Sixteen, Coherence::Incoherent));
+        assert_eq!(of(&fan(2, 1.0, 1.0)), (Width::One, Coherence::Incoherent));
+    }
+}

@@ -84,6 +84,16 @@ impl SpectralSampler {
             (index.min(count - 1) as f64 + offset) / count as f64,
         )
     }
+
+    /// Returns the index of the stratum that holds `wavelength`, nanometres; the first or last beyond the spectrum.
+    pub fn stratum(&self, wavelength: f64) -> usize {
+        let cells = ((wavelength - MIN_WAVELENGTH) / CELL).clamp(0.0, CELLS as f64);
+        let cell = (cells as usize).min(CELLS - 1);
+        let [low, high] = [cell, cell + 1].map(|bound| self.cumulative[bound]);
+        let share = low + (high - low) * (cells - cell as f64);
+        let count = self.weights.len();
+        ((share * count as f64) as usize).min(count - 1)
+    }
 }
 
 const CELL: f64 = (MAX_WAVELENGTH - MIN_WAVELENGTH) / CELLS as f64;
@@ -179,6 +189,20 @@ mod tests {
                     "{wavelength} {found:?}"
                 );
             }
+        }
+    }
+
+    #[test]
+    fn every_wavelength_of_a_stratum_is_found_in_it() {
+        for count in [1, 3, 16, 36] {
+            let sampler = SpectralSampler::new(count);
+            for index in 0..count {
+                for offset in [0.001, 0.25, 0.5, 0.999] {
+                    assert_eq!(sampler.stratum(sampler.wavelength(index, offset)), index);
+                }
+            }
+            assert_eq!(sampler.stratum(100.0), 0);
+            assert_eq!(sampler.stratum(1000.0), count - 1);
         }
     }
 

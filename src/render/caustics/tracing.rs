@@ -207,19 +207,21 @@ impl<'f, 's> PhotonTracer<'f, 's> {
         let count = (self.source.count - first).min(CHUNK);
         let time = self.frame.shutter.time(0.5);
         let seed = self.frame.settings.seed;
-        let purposes = [0, 1].map(|pair| Purpose::PHOTON.nested(pair).seeded(seed));
+        let purposes = [0, 1, 2].map(|pair| Purpose::PHOTON.nested(pair).seeded(seed));
         for start in (0..count).step_by(LANES) {
             // Number the photons of each light from 0
             let samples = std::array::from_fn(|l| first + start + l as u32);
             let pixels = [[self.source.number; LANES], [0; LANES]];
-            let pairs = purposes.map(|purpose| number_packet(&pixels, &samples, purpose));
+            let [direction, point, wavelength] =
+                purposes.map(|purpose| number_packet(&pixels, &samples, purpose));
             for l in 0..LANES.min((count - start) as usize) {
-                let u = pairs.map(|pair| [pair[0][l], pair[1][l]]);
+                let u = [direction, point].map(|pair| [pair[0][l], pair[1][l]]);
                 let emitted = emit(self.source, targets, u, far);
                 if let Some(photon) = &emitted {
                     self.queue(start + l as u32, photon, time);
                 }
                 self.emitted.push(emitted.unwrap_or(EmittedPhoton::NONE));
+                self.outcome.wavelength_offsets.push(wavelength[0][l]);
             }
         }
     }
@@ -287,6 +289,7 @@ impl<'f, 's> PhotonTracer<'f, 's> {
                 }
                 // Store photons that were turned aside, and reflect and refract what is left
                 store(
+                    frame,
                     &traced,
                     &self.surfaces,
                     (self.source, &self.emitted),
@@ -310,6 +313,7 @@ fn has_hit(packet: &RayPacket) -> bool {
 
 /// Stores the photons of a packet that were turned aside and arrived at surfaces that scatter them.
 fn store(
+    frame: &RenderContext,
     traced: &TracedPacket,
     surfaces: &Surfaces,
     (source, emitted): (&PhotonSource, &[EmittedPhoton]),
@@ -338,14 +342,14 @@ fn store(
             power,
             light: source.number,
         });
+        let wavelength = f64::from(state.wavelength);
+        let stratum = match wavelength > 0.0 {
+            true => 1 + frame.spectrum.stratum(wavelength) as u32,
+            false => 0,
+        };
         stored.origins.push(photon.of(source).map(|emitted| PhotonOrigin {
             emitted,
-            group: [
-                source.number,
-                state.depth,
-                traced.packet.instance[l],
-                state.wavelength.to_bits(),
-            ],
+            group: [source.number, state.depth, traced.packet.instance[l], stratum],
         }));
     }
 }

@@ -247,6 +247,8 @@ impl ShadingState<'_, '_> {
             ..
         } = boundary_hit;
         let mut reflected = [0.0; 3];
+        let offset = self.wavelength_offsets.get(boundary_hit.pixel as usize);
+        let offset = offset.copied().unwrap_or(0.5);
         // Loop over the wavelengths of a dispersive boundary
         let colors: &[[f32; 3]] = if boundary_hit.disperses {
             frame.spectrum.weights()
@@ -255,7 +257,7 @@ impl ShadingState<'_, '_> {
         };
         for (index, color) in colors.iter().enumerate() {
             let wavelength = if boundary_hit.disperses {
-                frame.spectrum.wavelength(index, 0.5)
+                frame.spectrum.wavelength(index, offset)
             } else {
                 f64::from(arrival.wavelength)
             };

@@ -33,6 +33,9 @@ pub(in crate::render) struct ShadingState<'f, 's> {
     pub(in crate::render) next_bounced: Option<Box<RayQueue>>,
     /// Weight from which on rays of paths that continue at random are always sent.
     pub(in crate::render) kept_weight: f32,
+    /// Place of each path's wavelengths within their strata, by the number of its pixel, where paths are those of photons;
+    /// empty for paths of the camera, whose wavelengths represent their strata.
+    pub(in crate::render) wavelength_offsets: Vec<f64>,
     /// Number of bounces before the rays that are being shaded.
     pub(in crate::render) generation: u32,
     pub(in crate::render) meter: Profiler,
@@ -66,6 +69,7 @@ impl<'f, 's> ShadingState<'f, 's> {
             next: RayQueue::of_frame(frame),
             next_bounced: RayQueue::of_bounces(frame),
             kept_weight: KEPT_WEIGHT,
+            wavelength_offsets: Vec::new(),
             generation: 0,
             meter: Profiler::new(&frame.settings),
             losses: TileTruncation::default(),

@@ -8,15 +8,17 @@ use std::f64::consts::FRAC_1_PI;
 use glam::{DAffine3, DMat3, DVec3};
 use whit::accel::{AccelOptions, Backend};
 use whit::numeric::Bounds;
+use whit::optics::{Dispersion, Sellmeier};
 use whit::render::{Category, RenderSettings};
 use whit::scene::{
     Background, Camera, Caustics, Falloff, Geometry, Interreflection, Light, LightKind, Material, MediumKind,
     Model, Projection, Scene,
 };
-use whit::shape::{Quadric, Shape, Sphere};
+use whit::shape::{HalfSpace, Polyhedron, Quadric, Shape, Sphere};
 
 use super::rough_render::{glass, metal, settings};
 use crate::support::images::{add, estimate, rendered, rendered_by};
+use crate::support::optical_bench::ideal;
 
 /// Upper triangle of the matrix of the cylinder x² + y² = 1.
 const CYLINDER: [f64; 10] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, -1.0];
@@ -534,6 +536,53 @@ fn no_caustic_leaks_through_a_thin_floor() {
     assert!(dark.pixels.iter().all(|pixel| *pixel == [0.0; 3]));
     let lit = rendered(&scene, &look_down_on(0.0, 0.0, 0.2), &settings(32, 4)).image;
     assert!(lit.pixels.iter().all(|pixel| pixel[0] > 0.0));
+}
+
+#[test]
+fn spectrum_of_a_narrow_prism_has_no_gaps_between_its_wavelengths() {
+    // A prism 6 mm wide turns light by an amount that varies by 0.1 m on the floor, 2 m below
+    let top = DVec3::new(0.5f64.sin(), 0.0, 0.5f64.cos());
+    let half_spaces = [
+        (DVec3::NEG_Z, 0.0),
+        (top, 0.01),
+        (DVec3::X, 0.003),
+        (DVec3::NEG_X, 0.003),
+        (DVec3::Y, 0.02),
+        (DVec3::NEG_Y, 0.02),
+    ];
+    let prism = Polyhedron::from_half_spaces(&half_spaces.map(|(n, h)| HalfSpace { n, h })).unwrap();
+    let mut scene = with_caustics(1 << 16);
+    add(
+        &mut scene,
+        "prism",
+        Geometry::Shape(Shape::Polyhedron(prism.into())),
+        ideal(Dispersion::Sellmeier(Sellmeier::N_SF10), 0.0),
+        DAffine3::from_translation(DVec3::Z * 2.0),
+    );
+    scene.lights.push(sun(DVec3::Z));
+    let settings = RenderSettings {
+        wavelengths: 4,
+        ..settings(128, 1)
+    };
+    let image = rendered(&scene, &look_down_on(-0.845, 0.0, 0.08), &settings).image;
+    // Sum what each column gets in its middle beside the light that comes straight from the sun
+    let columns: Vec<f64> = (0..128)
+        .map(|x| {
+            let middle = (60..68).map(|y| image.pixels[y * 128 + x]);
+            let sums = middle.map(|pixel| pixel.iter().map(|&c| f64::from(c)).sum::<f64>());
+            sums.sum::<f64>() / 8.0 / FRAC_1_PI - 3.0
+        })
+        .collect();
+    let most = columns.iter().copied().fold(0.0, f64::max);
+    let bright: Vec<usize> = (0..128).filter(|&x| columns[x] > 0.1 * most).collect();
+    let (first, last) = (bright[0], bright[bright.len() - 1]);
+    println!(
+        "columns {first} to {last}, {} of them bright, at most {most:.3}",
+        bright.len()
+    );
+    // From red to blue the light moves by 0.06 m, which is 48 columns
+    assert!(last - first > 48, "columns {first} to {last}");
+    assert_eq!(bright.len(), last - first + 1, "{columns:.3?}");
 }
 
 #[test]

@@ -91,7 +91,7 @@ const ENTRIES: [Entry; 20] = [
 ];
 
 /// Scenes that the reference tracer cannot render, with the reason.
-const BEYOND: [(&str, &str); 16] = [
+const BEYOND: [(&str, &str); 18] = [
     (
         "caustics",
         "tests/it/lighting/caustics.rs compares photons with closed forms",
@@ -121,6 +121,10 @@ const BEYOND: [(&str, &str); 16] = [
         "milk_and_paint",
         "tests/it/lighting/subsurface_render.rs compares subsurface scattering with closed forms",
     ),
+    (
+        "pool",
+        "tests/it/lighting/caustics.rs compares photons with closed forms",
+    ),
     ("rough", "glossy lobes are sampled in random directions"),
     ("motion", "rays have random times"),
     ("glow", "emissive objects are sampled at random points"),
@@ -131,6 +135,10 @@ const BEYOND: [(&str, &str); 16] = [
     (
         "smoke",
         "tests/it/lighting/volumes.rs compares volumes with closed forms",
+    ),
+    (
+        "spectrum",
+        "tests/it/lighting/caustics.rs compares photons with closed forms",
     ),
     ("soft_shadows", "area lights are sampled at random points"),
     (

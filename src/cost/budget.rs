@@ -16,6 +16,8 @@ const LADDER: [[u32; 2]; 5] = [[16, 32], [8, 16], [4, 16], [4, 8], [2, 8]];
 /// two-hundredth of that level's even where errors fall only at the random rate, and a hundredth of the errors that other
 /// knobs halve.
 const REFERENCE_TIMES: u32 = 100;
+/// Smallest number of samples per pixel of each reference half.
+const MIN_REFERENCE_SPP: u32 = 64;
 /// Smallest number of pixels that represents a scene well; a smaller layout of the ladder is used before going below.
 const MIN_STUDY_PIXELS: f64 = 12_288.0;
 /// Smallest number of pixels of a scaled-down image and of an image of patches: intervals are resampled from at least
@@ -177,7 +179,7 @@ impl Workspace<'_, '_> {
             let affordable = PILOT_PART * budget / (unit * samples);
             let pilot = self.choose_view(affordable.clamp(PILOT_PIXELS[1], PILOT_PIXELS[0]));
             let is_last = place + 1 == LADDER.len();
-            let reference_spp = (REFERENCE_TIMES * most).next_power_of_two();
+            let mut reference_spp = (REFERENCE_TIMES * most).next_power_of_two();
             // Predict the cost without a pilot of its own, and skip hopeless rungs early.
             let least = unit * (PLANNED_BLOCKS * samples + 2.0 * f64::from(reference_spp));
             if !is_last && LAID_OUT * budget / least < MIN_STUDY_PIXELS && requested_size.is_none() {
@@ -186,14 +188,21 @@ impl Workspace<'_, '_> {
             // Measure the time per pixel by a pilot of every configuration
             let block = self.block_of(&candidates, pilot)?;
             let halves = self.pilot(strict, pilot, unit)?.halves;
-            let a_pixel = PLANNED_BLOCKS * block + f64::from(reference_spp) * halves;
-            let pixels = LAID_OUT * (self.experiment.budget - self.spent()) / a_pixel;
+            let left = LAID_OUT * (self.experiment.budget - self.spent());
+            let affordable =
+                |reference_spp: u32| left / (PLANNED_BLOCKS * block + f64::from(reference_spp) * halves);
             let requested_area = requested_size.map(area);
-            if !is_last && pixels < requested_area.unwrap_or(MIN_STUDY_PIXELS) {
+            if !is_last && affordable(reference_spp) < requested_area.unwrap_or(MIN_STUDY_PIXELS) {
                 continue;
             }
-            // If even the smallest size exceeds the budget, there are fewer blocks than planned.
-            let view = requested_size.map_or_else(|| self.choose_view(pixels.max(MIN_PIXELS)), View::Whole);
+            // Where even the smallest size exceeds the budget, take a noisier reference, and fewer blocks than planned
+            while affordable(reference_spp) < requested_area.unwrap_or(MIN_PIXELS)
+                && reference_spp > MIN_REFERENCE_SPP
+            {
+                reference_spp /= 2;
+            }
+            let pixels = affordable(reference_spp).max(MIN_PIXELS);
+            let view = requested_size.map_or_else(|| self.choose_view(pixels), View::Whole);
             return Ok(Layout {
                 view,
                 candidates,

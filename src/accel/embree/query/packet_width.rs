@@ -53,18 +53,19 @@ impl fmt::Display for Width {
 /// nodes are traced one ray at a time. Embree traverses both with the packet as a whole, every ray into every node that
 /// any of them hits, and not ray by ray as it does over triangles.
 const MANY_OBJECTS: usize = 256;
-/// Least number of active lanes, and largest extents of origins and directions, of an incoherent packet that is traced
-/// as one through many objects. Through 10^4 spheres (`cargo bench --bench timing -- packet_width`) packets of sixteen
+/// Least number of active lanes, and largest distances of origins and directions from the first's, of an incoherent
+/// packet that is traced as one through many objects. Through 10^4 spheres (`cargo bench --bench timing -- packet_width`) packets of sixteen
 /// nearby rays take 0.3 to 0.5 of the time of single rays, of two 1.2 to 1.3 times as long; rays between any two points
 /// of a scene 2.2 times as long through 4096 spheres.
 const MIN_LANES: u32 = 9;
-/// Extent of the origins relative to the scene's.
-const WIDEST_ORIGINS: f32 = 0.5;
-/// Extent of the directions relative to their length.
-const WIDEST_DIRECTIONS: f32 = 1.5;
-/// Largest extent of the directions, relative to their length, of rays that are traced as coherent. Packets whose
-/// directions differ more take up to twice as long as coherent ones than as incoherent ones, others as long.
-const COHERENT_DIRECTIONS: f32 = 0.25;
+/// Distance of the origins relative to the size of the scene.
+const WIDEST_ORIGINS: f32 = 0.4;
+/// Distance of the directions relative to their length.
+const WIDEST_DIRECTIONS: f32 = 1.2;
+/// Largest distance of the directions from the first's, relative to its length, of rays that are traced as coherent.
+/// Packets whose directions differ more take up to twice as long as coherent ones than as incoherent ones, others as
+/// long.
+const COHERENT_DIRECTIONS: f32 = 0.2;
 
 /// Choice of a width for each packet of a scene.
 #[derive(Clone, Copy, Debug)]
@@ -72,7 +73,7 @@ pub(in crate::accel::embree) struct Widths {
     /// Width for packets that are not traced one ray at a time.
     packet: Width,
     has_many_objects: bool,
-    /// Largest extent of the origins of an incoherent packet that is traced as one.
+    /// Largest distance of the origins from the first's of an incoherent packet that is traced as one.
     widest_origins: f32,
 }
 
@@ -104,57 +105,46 @@ impl Widths {
 /// Returns whether the active rays differ so little in direction that Embree's traversal of coherent rays pays.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2", "x86_64+sse4.2"))]
 fn is_narrow(packet: &RayPacket) -> bool {
-    let directions = extent(&packet.direction, &active_lanes(packet));
-    directions.width <= COHERENT_DIRECTIONS * directions.largest
+    let directions = Spread::of(&packet.direction, &packet.active);
+    directions.distance <= COHERENT_DIRECTIONS * directions.length
 }
 
 /// Returns whether enough rays are active, and start and point near enough to each other, to be traced as one packet.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2", "x86_64+sse4.2"))]
 fn is_near(packet: &RayPacket, widest_origins: f32) -> bool {
-    let is_active = active_lanes(packet);
-    let lanes: u32 = is_active.iter().map(|&active| u32::from(active)).sum();
-    let (origins, directions) = (
-        extent(&packet.origin, &is_active),
-        extent(&packet.direction, &is_active),
-    );
+    let lanes: u32 = packet.active.iter().map(|&active| u32::from(active != 0)).sum();
+    let origins = Spread::of(&packet.origin, &packet.active);
+    let directions = Spread::of(&packet.direction, &packet.active);
     lanes >= MIN_LANES
-        && origins.width <= widest_origins
-        && directions.width <= WIDEST_DIRECTIONS * directions.largest
+        && origins.distance <= widest_origins
+        && directions.distance <= WIDEST_DIRECTIONS * directions.length
 }
 
-#[inline(always)]
-fn active_lanes(packet: &RayPacket) -> [bool; LANES] {
-    std::array::from_fn(|lane| packet.active[lane] != 0)
+/// Spread of the points or directions of a packet's active lanes around that of the first of them.
+struct Spread {
+    /// Largest distance from the first along an axis.
+    distance: f32,
+    /// Largest absolute value of a coordinate of the first.
+    length: f32,
 }
 
-/// Extent of the points or directions of a packet's active lanes.
-struct Extent {
-    /// Size of the box around them along its longest axis.
-    width: f32,
-    /// Largest absolute value of a coordinate.
-    largest: f32,
-}
-
-#[inline(always)]
-fn extent(rows: &[[f32; LANES]; 3], is_active: &[bool; LANES]) -> Extent {
-    let mut extent = Extent {
-        width: 0.0,
-        largest: 0.0,
-    };
-    for row in rows {
-        let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
-        for lane in 0..LANES {
-            low = low.min(if is_active[lane] { row[lane] } else { f32::INFINITY });
-            high = high.max(if is_active[lane] {
-                row[lane]
-            } else {
-                f32::NEG_INFINITY
-            });
+impl Spread {
+    #[inline(always)]
+    fn of(rows: &[[f32; LANES]; 3], active: &[i32; LANES]) -> Spread {
+        let first = active.iter().position(|&active| active != 0).unwrap_or(0);
+        // Take the largest distance of each lane, then that of all lanes
+        let mut distances = [0.0f32; LANES];
+        for row in rows {
+            for lane in 0..LANES {
+                let distance = (row[lane] - row[first]).abs();
+                distances[lane] = distances[lane].max(if active[lane] == 0 { 0.0 } else { distance });
+            }
         }
-        extent.width = extent.width.max(high - low);
-        extent.largest = extent.largest.max(high).max(-low);
+        Spread {
+            distance: distances.iter().copied().fold(0.0, f32::max),
+            length: rows.iter().map(|row| row[first].abs()).fold(0.0, f32::max),
+        }
     }
-    extent
 }
 
 #[cfg(test)]
@@ -181,7 +171,7 @@ mod tests {
         assert_eq!(width(&fan(16, 1.0, 1.0)), Width::Sixteen);
         assert_eq!(width(&fan(8, 1.0, 1.0)), Width::One);
         assert_eq!(width(&fan(16, 6.0, 1.0)), Width::One);
-        assert_eq!(width(&fan(16, 1.0, -4.0)), Width::Sixteen);
+        assert_eq!(width(&fan(16, 1.0, -1.1)), Width::Sixteen);
         // The directions of these differ by more than their length
         let mut opposed = fan(16, 1.0, 1.0);
         opposed.set(3, &Ray::new(Vec3::ZERO, Vec3::NEG_Z));

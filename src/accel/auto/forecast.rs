@@ -62,8 +62,8 @@ struct BackendCosts {
 }
 
 // Measured on a Xeon with AVX-512 with `whit render --stats -` of `bumpy2m.glb`, and `whit bench` of it and of a mesh of
-// 15 000 triangles; incoherent rays by the share that rays to an environment and of bounces take of its render. Only
-// their ratios count.
+// 15 000 triangles; incoherent rays with renders of both under an environment map and with interreflection. Only the
+// ratios of the backends count.
 
 /// Costs of Embree 3.13.5 at its watertight precision.
 const EMBREE: BackendCosts = BackendCosts {

@@ -150,8 +150,7 @@ impl<'f> OidnDevice<'f> {
 
     /// Returns the library's version: major, minor and patch.
     pub(super) fn version(&self) -> [i32; 3] {
-        ["versionMajor", "versionMinor", "versionPatch"].map(|name| {
-            let name = std::ffi::CString::new(name).unwrap_or_default();
+        [c"versionMajor", c"versionMinor", c"versionPatch"].map(|name| {
             // SAFETY: the device is alive, and the name is a parameter of devices.
             unsafe { (self.functions.device_int)(self.handle, name.as_ptr()) }
         })

@@ -36,8 +36,8 @@ const BUNDLES_PER_TASK: usize = 1 << 6;
 pub(in crate::render) struct PhotonOrigin {
     /// Point on a plane across parallel light, or direction from a light at a point.
     pub(in crate::render) emitted: [f32; 3],
-    /// Light, number of steps, object of arrival, and 1 + stratum of the wavelength or 0: the same for all photons of a
-    /// bundle.
+    /// Light, number of steps, object of arrival, and 1 + stratum of the wavelength or 0, which the photons of a bundle
+    /// have in common.
     pub(in crate::render) group: [u32; 4],
 }
 

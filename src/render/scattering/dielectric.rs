@@ -247,13 +247,12 @@ impl ShadingState<'_, '_> {
             ..
         } = boundary_hit;
         let mut reflected = [0.0; 3];
-        let offset = self.wavelength_offsets.get(boundary_hit.pixel as usize);
-        let offset = offset.copied().unwrap_or(0.5);
         // Loop over the wavelengths of a dispersive boundary
-        let colors: &[[f32; 3]] = if boundary_hit.disperses {
-            frame.spectrum.weights()
+        let (colors, offset): (&[[f32; 3]], f64) = if boundary_hit.disperses {
+            let offset = self.wavelength_offsets.get(boundary_hit.pixel as usize);
+            (frame.spectrum.weights(), offset.copied().unwrap_or(0.5))
         } else {
-            &[[1.0; 3]]
+            (&[[1.0; 3]], 0.5)
         };
         for (index, color) in colors.iter().enumerate() {
             let wavelength = if boundary_hit.disperses {

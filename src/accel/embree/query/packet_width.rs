@@ -53,19 +53,18 @@ impl fmt::Display for Width {
 /// nodes are traced one ray at a time. Embree traverses both with the packet as a whole, every ray into every node that
 /// any of them hits, and not ray by ray as it does over triangles.
 const MANY_OBJECTS: usize = 256;
-/// Least number of active lanes, and largest distances of origins and directions from the first's, of an incoherent
-/// packet that is traced as one through many objects. Through 10^4 spheres (`cargo bench --bench timing -- packet_width`) packets of sixteen
-/// nearby rays take 0.3 to 0.5 of the time of single rays, of two 1.2 to 1.3 times as long; rays between any two points
-/// of a scene 2.2 times as long through 4096 spheres.
+/// Least number of active lanes of an incoherent packet that is traced as one through many objects. Through 10^4 spheres
+/// (`cargo bench --bench timing -- packet_width`) packets of sixteen nearby rays take 0.3 to 0.5 of the time of single
+/// rays, of two rays 1.2 to 1.3 of it.
 const MIN_LANES: u32 = 9;
-/// Distance of the origins relative to the size of the scene.
-const WIDEST_ORIGINS: f32 = 0.4;
-/// Distance of the directions relative to their length.
-const WIDEST_DIRECTIONS: f32 = 1.2;
-/// Largest distance of the directions from the first's, relative to its length, of rays that are traced as coherent.
-/// Packets whose directions differ more take up to twice as long as coherent ones than as incoherent ones, others as
-/// long.
-const COHERENT_DIRECTIONS: f32 = 0.2;
+/// Largest distance of the origins of such a packet from the first, relative to the size of the scene. Rays between any
+/// two points of a scene take 2.2 times as long in packets, through 4096 spheres.
+const MAX_ORIGIN_DISTANCE: f32 = 0.4;
+/// Largest distance of the directions of such a packet from the first, relative to its length.
+const MAX_DIRECTION_DISTANCE: f32 = 1.2;
+/// Largest distance of the directions from the first, relative to its length, of rays that are traced as coherent. Where
+/// directions differ more, Embree's traversal of coherent rays takes up to twice as long as that of incoherent ones.
+const MAX_COHERENT_DISTANCE: f32 = 0.2;
 
 /// Choice of a width for each packet of a scene.
 #[derive(Clone, Copy, Debug)]
@@ -73,29 +72,30 @@ pub(in crate::accel::embree) struct Widths {
     /// Width for packets that are not traced one ray at a time.
     packet: Width,
     has_many_objects: bool,
-    /// Largest distance of the origins from the first's of an incoherent packet that is traced as one.
-    widest_origins: f32,
+    /// Largest distance of the origins from the first of an incoherent packet that is traced as one.
+    max_origin_distance: f32,
 }
 
 impl Widths {
-    /// Returns the choice for a scene of that size along its longest axis, with that many shapes, instanced meshes and
-    /// clusters of triangles.
+    /// Returns the choice for a scene of that size along its longest axis; `object_count` is the number of shapes,
+    /// instanced meshes and clusters of triangles in it.
     pub(in crate::accel::embree) fn new(packet: Width, object_count: usize, size: f32) -> Widths {
         Widths {
             packet,
             has_many_objects: object_count >= MANY_OBJECTS,
-            widest_origins: WIDEST_ORIGINS * size,
+            max_origin_distance: MAX_ORIGIN_DISTANCE * size,
         }
     }
 
-    /// Returns the width for a packet and whether its rays are traced as coherent; `order` is what their sender expects.
+    /// Returns the width for a packet, and whether its rays are traced as coherent; `order` is what their sender
+    /// expects.
     #[inline(always)]
     pub(super) fn of(self, packet: &RayPacket, order: Coherence) -> (Width, Coherence) {
         // Rays to a large light or an environment that start next to each other may point anywhere
         if order == Coherence::Coherent && is_narrow(packet) {
             return (self.packet, Coherence::Coherent);
         }
-        if self.has_many_objects && !is_near(packet, self.widest_origins) {
+        if self.has_many_objects && !is_near(packet, self.max_origin_distance) {
             return (Width::One, Coherence::Incoherent);
         }
         (self.packet, Coherence::Incoherent)
@@ -106,18 +106,18 @@ impl Widths {
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2", "x86_64+sse4.2"))]
 fn is_narrow(packet: &RayPacket) -> bool {
     let directions = Spread::of(&packet.direction, &packet.active);
-    directions.distance <= COHERENT_DIRECTIONS * directions.length
+    directions.distance <= MAX_COHERENT_DISTANCE * directions.length
 }
 
 /// Returns whether enough rays are active, and start and point near enough to each other, to be traced as one packet.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2", "x86_64+sse4.2"))]
-fn is_near(packet: &RayPacket, widest_origins: f32) -> bool {
+fn is_near(packet: &RayPacket, max_origin_distance: f32) -> bool {
     let lanes: u32 = packet.active.iter().map(|&active| u32::from(active != 0)).sum();
     let origins = Spread::of(&packet.origin, &packet.active);
     let directions = Spread::of(&packet.direction, &packet.active);
     lanes >= MIN_LANES
-        && origins.distance <= widest_origins
-        && directions.distance <= WIDEST_DIRECTIONS * directions.length
+        && origins.distance <= max_origin_distance
+        && directions.distance <= MAX_DIRECTION_DISTANCE * directions.length
 }
 
 /// Spread of the points or directions of a packet's active lanes around that of the first of them.

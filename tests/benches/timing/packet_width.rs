@@ -6,7 +6,7 @@
 
 use whit::accel::AccelOptions;
 use whit::accel::embree::EmbreeAccel;
-use whit::accel::{Coherence, RayPacket};
+use whit::accel::{Coherence, LANES, RayPacket};
 
 use crate::batches::Traced;
 use crate::limits::Limits;
@@ -38,16 +38,23 @@ pub(crate) fn run(_: &mut Limits) {
                 ratio(&accel, &packets)
             );
         }
+        let packets = unit_cube::nearby_rays(spread, LANES);
+        let times = Quartiles::compute((0..ROUNDS).map(|_| {
+            sixteen(&accel, &packets, Coherence::Coherent) / sixteen(&accel, &packets, Coherence::Incoherent)
+        }));
+        println!("directions within {spread}: packets take {times:.2} times as long if flagged as coherent");
     }
 }
 
 /// Returns the time of packets over that of single rays.
 fn ratio(accel: &EmbreeAccel, packets: &[RayPacket]) -> Quartiles {
     Quartiles::compute((0..ROUNDS).map(|_| {
-        let sixteen = Traced::measure(packets, &|batch| {
-            accel.baseline_intersect16(batch, Coherence::Incoherent);
-        });
         let one = Traced::measure(packets, &|batch| accel.baseline_intersect1(batch));
-        sixteen.seconds / one.seconds
+        sixteen(accel, packets, Coherence::Incoherent) / one.seconds
     }))
+}
+
+/// Returns the seconds that packets of sixteen take.
+fn sixteen(accel: &EmbreeAccel, packets: &[RayPacket], order: Coherence) -> f64 {
+    Traced::measure(packets, &|batch| accel.baseline_intersect16(batch, order)).seconds
 }

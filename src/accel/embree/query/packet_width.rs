@@ -62,8 +62,9 @@ const MIN_LANES: u32 = 9;
 const MAX_ORIGIN_DISTANCE: f32 = 0.4;
 /// Largest distance of the directions of such a packet from the first, relative to its length.
 const MAX_DIRECTION_DISTANCE: f32 = 1.2;
-/// Largest distance of the directions from the first, relative to its length, of rays that are traced as coherent. Where
-/// directions differ more, Embree's traversal of coherent rays takes up to twice as long as that of incoherent ones.
+/// Largest distance of the directions from the first, relative to its length, of rays that are traced as coherent. Through
+/// 10^4 spheres, Embree's traversal of coherent rays takes 0.89 of the time of that of incoherent ones up to a distance of
+/// 0.02, 1.06 up to 0.2, 1.5 up to 1 and 1.9 up to 2.
 const MAX_COHERENT_DISTANCE: f32 = 0.2;
 
 /// Choice of a width for each packet of a scene.

@@ -30,58 +30,115 @@ const MEAN_MAGNITUDE: f64 = 0.2204;
 
 /// Returns noise in [-1, 1] with cells of side 1, zero at the corners of every cell.
 pub fn noise(p: DVec3) -> f64 {
-    // Split the point into its cell and the position inside
-    let cell = p.floor();
-    let [x, y, z] = (p - cell).to_array();
-    let [i, j, k] = cell.to_array().map(|c| c.rem_euclid(256.0) as usize);
-    // Compute the quintic fade weights
-    let [u, v, w] = [x, y, z].map(|t| t * t * t * (t * (t * 6.0 - 15.0) + 10.0));
-    // Hash the corners of the cell to gradients
-    let hash = |i: usize, j: usize, k: usize| {
-        let a = PERMUTATION[i & 255] as usize + j;
-        let b = PERMUTATION[a & 255] as usize + k;
-        PERMUTATION[b & 255]
-    };
-    let corner = |di: usize, dj: usize, dk: usize| {
-        let offset = [x - di as f64, y - dj as f64, z - dk as f64];
-        slope(hash(i + di, j + dj, k + dk), offset)
-    };
-    // Interpolate along x, y and z
-    let edge = |dj, dk| lerp(u, corner(0, dj, dk), corner(1, dj, dk));
-    let face = |dk| lerp(v, edge(0, dk), edge(1, dk));
-    lerp(w, face(0), face(1))
+    let [noise] = noise_at(&lone(p));
+    noise
 }
 
-/// Returns the sum of `octaves`, each of twice the frequency and half the amplitude of the one before, as a fraction of
-/// the largest sum: within [-1, 1]. `width` is that of the ray's footprint, in cells of the first octave.
-pub(crate) fn fractal(p: DVec3, octaves: u32, width: f64) -> f64 {
-    octave_sum(p, octaves, width, |noise| noise, 0.0)
-}
-
-/// Returns the sum of octaves of the noise's magnitude, with the arguments of `fractal`: within [0, 1].
-pub fn turbulence(p: DVec3, octaves: u32, width: f64) -> f64 {
-    octave_sum(p, octaves, width, f64::abs, MEAN_MAGNITUDE)
-}
-
-/// Returns the normalised sum of octaves `of` the noise; those narrower than the footprint are replaced by `mean`.
+/// Returns the noise at `N` points, given as x, y and z.
 #[inline(always)]
-fn octave_sum(p: DVec3, octaves: u32, width: f64, of: impl Fn(f64) -> f64, mean: f64) -> f64 {
-    let (mut sum, mut max_sum) = (0.0, 0.0);
+pub(crate) fn noise_at<const N: usize>(p: &[[f64; N]; 3]) -> [f64; N] {
+    // Split the points into their cells and the positions inside
+    let mut inside = [[0.0; N]; 3];
+    let mut cells = [[0; N]; 3];
+    for axis in 0..3 {
+        for l in 0..N {
+            let cell = p[axis][l].floor();
+            inside[axis][l] = p[axis][l] - cell;
+            cells[axis][l] = period_index(cell);
+        }
+    }
+    // Hash the corners of the cells to gradients
+    let mut hashes = [[0u64; N]; 8];
+    let permuted = |i: usize| PERMUTATION[i & 255] as usize;
+    for l in 0..N {
+        for dx in 0..2 {
+            let a = permuted(cells[0][l] + dx) + cells[1][l];
+            for dy in 0..2 {
+                let b = permuted(a + dy) + cells[2][l];
+                for dz in 0..2 {
+                    hashes[4 * dx + 2 * dy + dz][l] = permuted(b + dz) as u64;
+                }
+            }
+        }
+    }
+    // Interpolate their dot products along x, y and z
+    let mut noise = [0.0; N];
+    for l in 0..N {
+        let [x, y, z] = [inside[0][l], inside[1][l], inside[2][l]];
+        let [u, v, w] = [x, y, z].map(|t| t * t * t * (t * (t * 6.0 - 15.0) + 10.0));
+        let corner = |dx: usize, dy: usize, dz: usize| {
+            let offset = [x - dx as f64, y - dy as f64, z - dz as f64];
+            slope(hashes[4 * dx + 2 * dy + dz][l], offset)
+        };
+        let edge = |dy, dz| lerp(u, corner(0, dy, dz), corner(1, dy, dz));
+        let face = |dz| lerp(v, edge(0, dz), edge(1, dz));
+        noise[l] = lerp(w, face(0), face(1));
+    }
+    noise
+}
+
+/// Returns the index of a cell in the period of 256 cells; any index for infinity and NaN.
+#[inline(always)]
+fn period_index(cell: f64) -> usize {
+    /// From here up to its double, numbers are integers in the low bits of the significand.
+    const INTEGERS: f64 = (1u64 << 52) as f64;
+    let index = cell - 256.0 * (cell * (1.0 / 256.0)).floor();
+    ((index + INTEGERS).to_bits() & 255) as usize
+}
+
+/// Returns a point as `N` = 1 points.
+#[inline(always)]
+pub(crate) fn lone(p: DVec3) -> [[f64; 1]; 3] {
+    p.to_array().map(|x| [x])
+}
+
+/// Returns the sums of `octaves` at `N` points, each octave of twice the frequency and half the amplitude of the one
+/// before, as fractions of the largest sum: within [-1, 1]. `widths` are those of the rays' footprints, in cells of the
+/// first octave.
+#[inline(always)]
+pub(crate) fn fractal<const N: usize>(p: &[[f64; N]; 3], octaves: u32, widths: &[f64; N]) -> [f64; N] {
+    octave_sums(p, octaves, widths, |noise| noise, 0.0)
+}
+
+/// Returns the sums of octaves of the noise's magnitude, with the arguments of `fractal`: within [0, 1].
+#[inline(always)]
+pub(crate) fn turbulence<const N: usize>(p: &[[f64; N]; 3], octaves: u32, widths: &[f64; N]) -> [f64; N] {
+    octave_sums(p, octaves, widths, f64::abs, MEAN_MAGNITUDE)
+}
+
+/// Returns the normalised sums of octaves `of` the noise; those narrower than the footprint are replaced by `mean`.
+#[inline(always)]
+fn octave_sums<const N: usize>(
+    p: &[[f64; N]; 3],
+    octaves: u32,
+    widths: &[f64; N],
+    of: impl Fn(f64) -> f64,
+    mean: f64,
+) -> [f64; N] {
+    let (mut sums, mut max_sum) = ([0.0; N], 0.0);
     let (mut height, mut frequency) = (1.0, 1.0);
     // Blend each octave towards its mean as its cells become narrower than the footprint
     for _ in 0..octaves {
-        let remaining_amplitude = remaining_amplitude(width * frequency);
-        let octave = if remaining_amplitude > 0.0 {
-            mean + remaining_amplitude * (of(noise(p * frequency)) - mean)
+        let mut remaining = [0.0; N];
+        for l in 0..N {
+            remaining[l] = remaining_amplitude(widths[l] * frequency);
+        }
+        let is_resolved = remaining.iter().any(|&amplitude| amplitude > 0.0);
+        let noise = if is_resolved {
+            noise_at(&p.map(|axis| axis.map(|x| x * frequency)))
         } else {
-            mean
+            [0.0; N]
         };
-        sum += height * octave;
+        for l in 0..N {
+            let blended = mean + remaining[l] * (of(noise[l]) - mean);
+            let octave = if remaining[l] > 0.0 { blended } else { mean };
+            sums[l] += height * octave;
+        }
         max_sum += height;
         height *= 0.5;
         frequency *= 2.0;
     }
-    sum / max_sum
+    sums.map(|sum| sum / max_sum)
 }
 
 /// Returns the fraction of an octave's amplitude that remains for a ray footprint of this width in cells.
@@ -93,16 +150,14 @@ pub(crate) fn remaining_amplitude(width: f64) -> f64 {
 
 /// Returns the dot product of `offset` and one of the twelve gradients, the midpoints of a cube's edges.
 #[inline(always)]
-fn slope(hash: u8, [x, y, z]: [f64; 3]) -> f64 {
+fn slope(hash: u64, [x, y, z]: [f64; 3]) -> f64 {
     let h = hash & 15;
     let u = if h < 8 { x } else { y };
-    let v = match h {
-        0..4 => y,
-        12 | 14 => x,
-        _ => z,
-    };
-    let signed = |value: f64, bit: u8| if h & bit == 0 { value } else { -value };
-    signed(u, 1) + signed(v, 2)
+    let far = if (h == 12) | (h == 14) { x } else { z };
+    let v = if h < 4 { y } else { far };
+    // The two lowest bits are the signs
+    let [u, v] = [u.to_bits() ^ (h << 63), v.to_bits() ^ ((h & 2) << 62)];
+    f64::from_bits(u) + f64::from_bits(v)
 }
 
 #[inline(always)]
@@ -150,12 +205,14 @@ mod tests {
     #[test]
     fn octaves_narrower_than_the_footprint_become_their_mean() {
         for p in points(1000, 20.0) {
-            assert_eq!(fractal(p, 8, FADE_OUT_WIDTH), 0.0);
-            assert!((turbulence(p, 8, f64::INFINITY) - MEAN_MAGNITUDE).abs() < 1e-15);
-            assert_eq!(fractal(p, 1, 0.0), noise(p));
+            assert_eq!(fractal(&lone(p), 8, &[FADE_OUT_WIDTH]), [0.0]);
+            let [faded] = turbulence(&lone(p), 8, &[f64::INFINITY]);
+            assert!((faded - MEAN_MAGNITUDE).abs() < 1e-15);
+            assert_eq!(fractal(&lone(p), 1, &[0.0]), [noise(p)]);
             // Of three octaves the second has twice, the third four times the frequency: both have faded.
             let one = remaining_amplitude(0.5 * FADE_OUT_WIDTH) * noise(p) / 1.75;
-            assert!((fractal(p, 3, 0.5 * FADE_OUT_WIDTH) - one).abs() < 1e-15);
+            let [sum] = fractal(&lone(p), 3, &[0.5 * FADE_OUT_WIDTH]);
+            assert!((sum - one).abs() < 1e-15);
         }
     }
 
@@ -191,7 +248,8 @@ mod tests {
     #[test]
     fn far_and_non_finite_points_have_finite_noise() {
         for x in [1e300, -1e300, 1e-320, -0.0] {
-            assert!(turbulence(DVec3::new(x, 0.5, -x), 16, 0.0) <= 1.0);
+            let [sum] = turbulence(&lone(DVec3::new(x, 0.5, -x)), 16, &[0.0]);
+            assert!(sum <= 1.0);
         }
     }
 }

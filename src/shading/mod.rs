@@ -38,7 +38,7 @@ pub use punctual_light::{PunctualSample, sample_punctual_light};
 pub use sheen::SheenLanes;
 pub use subsurface_entry::transmitted_irradiance;
 pub use texture::{Footprint, TexturePoint, TextureSet, fold_constant_textures};
-pub(crate) use texture::{PacketLookup, UvPacket};
+pub(crate) use texture::{LookupMethod, PacketLookup, PatternPacket, UvPacket};
 pub use thin_film::{ThinFilm, ThinFilmLanes};
 
 pub use crate::scene::{

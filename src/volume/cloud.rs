@@ -5,10 +5,12 @@
 //! 3rd ed., 2003, ch. 9: "hypertexture" and "puffy clouds"). Below the threshold the density is exactly 0, hence empty
 //! space.
 
-use glam::{DVec3, Vec3Swizzles};
+use glam::DVec3;
+use multiversion::multiversion;
 
 use super::{Grid, GridSamples, VolumeError};
-use crate::numeric::noise::{fractal, turbulence};
+use crate::numeric::LANES;
+use crate::numeric::noise::{fractal, lone, turbulence};
 use crate::parallel;
 
 /// Procedural cloud in the cube [-1, 1]³, with densities from 0 to 1.
@@ -52,56 +54,113 @@ impl Cloud {
 
     /// Returns the density at `p` in the cube [-1, 1]³.
     pub fn density(&self, p: DVec3) -> f64 {
-        // Noise repeats after 256 cells: seeds start at different positions of it.
-        let start = DVec3::new(17.0, 31.0, 59.0) * f64::from(self.seed % 251) + 0.37;
-        let q = p * self.frequency + start;
-        let mean = self.shape.mean(p, q);
-        // Return early where the noise cannot raise the density above 0
-        if mean <= 0.0 {
-            return 0.0;
-        }
-        // Evaluate the noise
-        let noise = match self.shape {
-            CloudShape::Plume => 2.0 * turbulence(q, self.octaves, 0.0) - 0.5,
-            _ => 2.0 * fractal(q, self.octaves, 0.0),
-        };
-        // Subtract the threshold and rescale
-        let rough = mean * (1.0 + self.roughness * noise) - self.threshold;
-        (rough / (1.0 - self.threshold).max(f64::EPSILON)).clamp(0.0, 1.0)
+        let [density] = self.densities(&lone(p));
+        density
     }
 
     /// Bakes the cloud into a grid of `size` samples along x, y, z; at least one each.
     pub fn bake(&self, size: [usize; 3]) -> Result<Grid, VolumeError> {
         let [nx, ny, nz] = size;
-        let middle = |i: usize, count: usize| 2.0 * (i as f64 + 0.5) / count as f64 - 1.0;
         // Evaluate densities at voxel centres, one row a task
         let row = |j: usize| {
             let [y, z] = [middle(j % ny, ny), middle(j / ny, nz)];
-            let density = |i: usize| self.density(DVec3::new(middle(i, nx), y, z)) as f32;
-            (0..nx).map(density).collect::<Vec<f32>>()
+            let mut densities = vec![0.0; nx];
+            fill_row(self, [y, z], &mut densities);
+            densities
         };
         let rows = ny.checked_mul(nz).unwrap_or(0);
         Grid::new(size, GridSamples::Floats(parallel::map(rows, &row).concat()))
     }
+
+    /// Returns the densities at `N` points in the cube [-1, 1]³, given as x, y and z.
+    #[inline(always)]
+    fn densities<const N: usize>(&self, p: &[[f64; N]; 3]) -> [f64; N] {
+        // Noise repeats after 256 cells: seeds start at different positions of it
+        let start = DVec3::new(17.0, 31.0, 59.0) * f64::from(self.seed % 251) + 0.37;
+        let mut q = [[0.0; N]; 3];
+        for axis in 0..3 {
+            for l in 0..N {
+                q[axis][l] = p[axis][l] * self.frequency + start[axis];
+            }
+        }
+        // Return early where no noise can raise the density above 0
+        let means = self.shape.means(p, &q);
+        if means.iter().all(|&mean| mean <= 0.0) {
+            return [0.0; N];
+        }
+        // Evaluate the noise
+        let unfiltered = [0.0; N];
+        let noise = match self.shape {
+            CloudShape::Plume => turbulence(&q, self.octaves, &unfiltered).map(|sum| 2.0 * sum - 0.5),
+            _ => fractal(&q, self.octaves, &unfiltered).map(|sum| 2.0 * sum),
+        };
+        // Subtract the threshold and rescale
+        let mut densities = [0.0; N];
+        for l in 0..N {
+            let rough = means[l] * (1.0 + self.roughness * noise[l]) - self.threshold;
+            let density = (rough / (1.0 - self.threshold).max(f64::EPSILON)).clamp(0.0, 1.0);
+            densities[l] = if means[l] <= 0.0 { 0.0 } else { density };
+        }
+        densities
+    }
 }
 
 impl CloudShape {
-    /// Returns the mean density at `p`; `q` is `p` in cells of noise.
-    fn mean(self, p: DVec3, q: DVec3) -> f64 {
+    /// Returns the mean densities at the points `p`; `q` is `p` in cells of noise.
+    #[inline(always)]
+    fn means<const N: usize>(self, p: &[[f64; N]; 3], q: &[[f64; N]; 3]) -> [f64; N] {
+        let mut means = [0.5; N];
         match self {
-            CloudShape::Layer => 0.5,
-            CloudShape::Puff => 1.0 - p.length_squared(),
-            CloudShape::Plume => {
-                let height = 0.5 * (p.y + 1.0);
-                // Low-frequency noise, stretched along y, displaces the axis in proportion to the height.
-                let slow = DVec3::new(7.5, 0.35 * q.y, 3.5);
-                let sway = DVec3::new(fractal(slow, 2, 0.0), 0.0, fractal(slow.zyx(), 2, 0.0));
-                let away = (p - 1.2 * height * sway) * DVec3::new(1.0, 0.0, 1.0);
-                let radius = 0.07 + 0.33 * height;
-                let across = 1.0 - away.length_squared() / (radius * radius);
-                // Fade out over the topmost fifth.
-                across * (5.0 * (1.0 - height)).min(1.0) * (1.0 - 0.4 * height)
+            CloudShape::Layer => {}
+            CloudShape::Puff => {
+                for l in 0..N {
+                    let [x, y, z] = [p[0][l], p[1][l], p[2][l]];
+                    means[l] = 1.0 - (x * x + y * y + z * z);
+                }
             }
+            CloudShape::Plume => {
+                // Low-frequency noise, stretched along y, displaces the axis in proportion to the height
+                let stretched = q[1].map(|y| 0.35 * y);
+                let (near, far) = ([3.5; N], [7.5; N]);
+                let unfiltered = [0.0; N];
+                let sway_x = fractal(&[far, stretched, near], 2, &unfiltered);
+                let sway_z = fractal(&[near, stretched, far], 2, &unfiltered);
+                for l in 0..N {
+                    let height = 0.5 * (p[1][l] + 1.0);
+                    let x = p[0][l] - 1.2 * height * sway_x[l];
+                    let z = p[2][l] - 1.2 * height * sway_z[l];
+                    let radius = 0.07 + 0.33 * height;
+                    let across = 1.0 - (x * x + z * z) / (radius * radius);
+                    // Fade out over the topmost fifth
+                    means[l] = across * (5.0 * (1.0 - height)).min(1.0) * (1.0 - 0.4 * height);
+                }
+            }
+        }
+        means
+    }
+}
+
+/// Returns the coordinate of the centre of voxel `i` of `count` along an axis of the cube.
+#[inline(always)]
+fn middle(i: usize, count: usize) -> f64 {
+    2.0 * (i as f64 + 0.5) / count as f64 - 1.0
+}
+
+/// Sets the densities of a row of voxels along x, with these coordinates y and z.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+fn fill_row(cloud: &Cloud, [y, z]: [f64; 2], row: &mut [f32]) {
+    let count = row.len();
+    for (first, voxels) in row.chunks_mut(LANES).enumerate() {
+        let mut p = [[0.0; LANES], [y; LANES], [z; LANES]];
+        for l in 0..LANES {
+            p[0][l] = middle(first * LANES + l, count);
+        }
+        let densities = cloud.densities(&p);
+        for (voxel, density) in voxels.iter_mut().zip(densities) {
+            *voxel = density as f32;
         }
     }
 }

@@ -382,6 +382,11 @@ impl<'s> SurfaceScene<'s> {
         self.scene.instances[packet.instance[l] as usize].pose(packet.time[l])
     }
 
+    /// Returns whether the transform of an instance depends on time.
+    pub(super) fn is_moving(&self, instance: u32) -> bool {
+        self.scene.instances[instance as usize].is_moving()
+    }
+
     /// Returns the shading data of an instance.
     pub(in crate::render) fn view(&self, instance: u32) -> &InstanceView<'_> {
         &self.views[instance as usize]

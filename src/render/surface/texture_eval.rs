@@ -2,7 +2,7 @@
 //!
 //! Only for materials with textures or vertex colours. All lanes of one material are evaluated together, layer by
 //! layer. Each look-up is averaged over the footprint of the ray: the intersection of its cone with the surface. Bump
-//! maps and procedural patterns are looked up lane by lane.
+//! maps are looked up lane by lane.
 
 use glam::DVec3;
 use multiversion::multiversion;
@@ -17,12 +17,14 @@ use super::uv_packet::FootprintPacket;
 use super::vertex_fetch::FetchedVertices;
 use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3};
-use crate::scene::{Anisotropy, Effect, InstanceTransform, MaterialInput, Model, TextureBinding};
+use crate::scene::{Anisotropy, Effect, InstanceTransform, MaterialInput, Model, Space, TextureBinding};
 use crate::shading::normal_map::{
     TangentFrame, TangentPacket, bend_packet_toward_viewer, bumped, transformed_derivatives,
 };
 use crate::shading::ray_cone::uv_of;
-use crate::shading::{Footprint, MaterialPacket, PacketLookup, TexturePoint, UvPacket};
+use crate::shading::{
+    Footprint, LookupMethod, MaterialPacket, PacketLookup, PatternPacket, TexturePoint, UvPacket,
+};
 
 /// Working memory of texture evaluation.
 pub(super) struct TextureLanes {
@@ -36,6 +38,7 @@ struct LayerLookup {
     /// Set of texture coordinates that `points` are in; `None` if the lanes have changed since.
     set: Option<u32>,
     images: PacketLookup,
+    pattern: PatternPacket,
 }
 
 impl TextureLanes {
@@ -46,6 +49,7 @@ impl TextureLanes {
                 points: UvPacket::ZERO,
                 set: None,
                 images: PacketLookup::new(),
+                pattern: PatternPacket::ZERO,
             },
         }
     }
@@ -260,11 +264,25 @@ impl SurfaceScene<'_> {
             points: uv,
             set,
             images,
+            pattern,
         } = lookup;
-        if !self.textures().has_packets(layer.texture.texture) {
-            self.texels_by_lane(layer, hits, points, images.texels_mut());
-            return images.texels();
+        let texture = layer.texture.texture;
+        let method = self.textures().lookup_method(texture);
+        // Compute the points of object space
+        match method {
+            LookupMethod::ByLane => {
+                self.texels_by_lane(layer, hits, points, images.texels_mut());
+                return images.texels();
+            }
+            LookupMethod::Pattern(Space::Object) => {
+                self.set_object_points(hits, points, pattern);
+                return self
+                    .textures()
+                    .sample_pattern(texture, pattern, hits.mask, images);
+            }
+            LookupMethod::Image | LookupMethod::Pattern(Space::Uv) => {}
         }
+        // Compute the texture coordinates, unless the layer before had the same
         if *set != Some(layer.texture.tex_coord) {
             *set = Some(layer.texture.tex_coord);
             self.uv_packet(
@@ -276,12 +294,56 @@ impl SurfaceScene<'_> {
             );
             images.begin();
         }
+        if method != LookupMethod::Image {
+            pattern.set_coordinates(uv, &layer.texture.transform);
+            return self
+                .textures()
+                .sample_pattern(texture, pattern, hits.mask, images);
+        }
         let encoding = layer.parameter.encoding();
         self.textures()
             .sample_packet(&layer.texture, encoding, uv, hits.mask, images)
     }
 
-    /// Looks a texture up lane by lane: procedural patterns, and images that are too large for packets.
+    /// Sets the points of the lanes in `hits` in object space, slightly below the surface, because a face of the solid
+    /// may lie exactly between two cells of a procedural pattern; and the footprints there.
+    #[inline(always)]
+    fn set_object_points(&self, hits: &MaterialHits, points: &SurfacePacket, out: &mut PatternPacket) {
+        let packet = hits.packet;
+        let [longer, shorter] = hits.footprints.axes();
+        let mut left = *hits.mask;
+        // Take the lanes of one transform after the other
+        while let Some(first) = left.iter().position(|&is_left| is_left) {
+            let instance = packet.instance[first];
+            let is_moving = self.is_moving(instance);
+            let mut mask = [false; LANES];
+            for l in first..LANES {
+                let is_same = !is_moving || packet.time[l] == packet.time[first];
+                mask[l] = left[l] & (packet.instance[l] == instance) & (is_same || l == first);
+                left[l] &= !mask[l];
+            }
+            let object_from_world = self.pose(packet, first).object_from_world();
+            let rows = object_from_world.matrix3.transpose();
+            for (axis, row) in [rows.x_axis, rows.y_axis, rows.z_axis].into_iter().enumerate() {
+                let offset = object_from_world.translation[axis];
+                for l in 0..LANES {
+                    let carved = |axis: usize| {
+                        let outward = f64::from(points.ng[axis][l]);
+                        let inward = if points.front[l] { -outward } else { outward };
+                        points.p[axis][l] + inward * points.error[l]
+                    };
+                    let turned = |x: f64, y: f64, z: f64| x * row.x + y * row.y + z * row.z;
+                    let p = turned(carved(0), carved(1), carved(2)) + offset;
+                    let [long, short] = [longer, shorter].map(|v| turned(v[0][l], v[1][l], v[2][l]));
+                    out.p[axis][l] = if mask[l] { p } else { out.p[axis][l] };
+                    out.axes[0][axis][l] = if mask[l] { long } else { out.axes[0][axis][l] };
+                    out.axes[1][axis][l] = if mask[l] { short } else { out.axes[1][axis][l] };
+                }
+            }
+        }
+    }
+
+    /// Looks a texture up lane by lane: an image that is too large for packets.
     #[inline(never)]
     fn texels_by_lane(
         &self,

@@ -30,6 +30,11 @@ impl FootprintPacket {
         are_points: true,
     };
 
+    /// Returns the axes in world space as full lengths, the longer first.
+    pub(super) fn axes(&self) -> &[Lanes3<f64>; 2] {
+        &self.world
+    }
+
     /// Returns the axes of lane `l` in world space.
     pub(super) fn world_axes(&self, l: usize) -> [DVec3; 2] {
         self.world

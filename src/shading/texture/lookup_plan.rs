@@ -31,7 +31,7 @@ impl UvPacket {
 
     /// Returns the packet in the coordinates after `transform`. Values that are not finite count as 0.
     #[inline(always)]
-    fn transformed(&self, transform: &UvTransform) -> UvPacket {
+    pub(super) fn transformed(&self, transform: &UvTransform) -> UvPacket {
         let finite = |x: f32| if x.abs() < f32::INFINITY { x } else { 0.0 };
         let mut out = UvPacket::ZERO;
         for (row, [a, b]) in transform.matrix.into_iter().enumerate() {

@@ -24,7 +24,8 @@ pub use self::constant_fold::fold_constant_textures;
 pub(crate) use self::lookup_plan::UvPacket;
 use self::mip_level::{MipLevel, WHITE};
 use self::mipmap::MipMap;
-pub(crate) use self::packet_lookup::PacketLookup;
+pub(crate) use self::packet_lookup::{LookupMethod, PacketLookup};
+pub(crate) use self::procedural::PatternPacket;
 use crate::parallel;
 use crate::scene::{
     Effect, EffectSet, Encoding, Filter, Image, Procedural, Sampler, Scene, Space, Texels, Texture,

@@ -14,9 +14,10 @@ use super::encoding_index;
 use super::lookup_plan::{Layout, LookupPlan, MAX_SIDE, Taps, UvPacket};
 use super::mip_level::{LINEAR_FROM_SRGB, WHITE};
 use super::mipmap::{LevelTexels, MipMap};
+use super::procedural::{self, PatternPacket};
 use super::{ImageLookup, Lookup, TextureSet};
 use crate::numeric::{LANES, Lanes};
-use crate::scene::{Encoding, Filter, Texels, TextureUse};
+use crate::scene::{Encoding, Filter, Space, Texels, TextureUse};
 
 /// Working memory of lookups. What one layer of a material computes is kept for the next ones.
 #[derive(Debug)]
@@ -59,15 +60,44 @@ impl PacketLookup {
     }
 }
 
+/// Way in which a texture is looked up at sixteen points.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum LookupMethod {
+    /// By [`TextureSet::sample_packet`].
+    Image,
+    /// By [`TextureSet::sample_pattern`], with points in this space.
+    Pattern(Space),
+    /// Lane by lane: images whose texels f32 cannot number.
+    ByLane,
+}
+
 impl TextureSet<'_> {
-    /// Returns whether [`TextureSet::sample_packet`] looks a texture up: not procedural patterns, and not images whose
-    /// texels f32 cannot number.
-    pub(crate) fn has_packets(&self, texture: u32) -> bool {
+    /// Returns how the texture is looked up at sixteen points.
+    #[inline(always)]
+    pub(crate) fn lookup_method(&self, texture: u32) -> LookupMethod {
         match &self.lookups[texture as usize] {
-            Lookup::Constant(_) => true,
-            Lookup::Image(image) => image.image.width.max(image.image.height) <= MAX_SIDE,
-            Lookup::Procedural(_) => false,
+            Lookup::Constant(_) => LookupMethod::Image,
+            Lookup::Image(image) if image.image.width.max(image.image.height) <= MAX_SIDE => {
+                LookupMethod::Image
+            }
+            Lookup::Image(_) => LookupMethod::ByLane,
+            Lookup::Procedural(procedural) => LookupMethod::Pattern(procedural.space),
         }
+    }
+
+    /// Returns the linear RGBA of a procedural texture at the points of the lanes in `mask`, averaged over their
+    /// footprints. Other lanes and all lanes of images have any values.
+    pub(crate) fn sample_pattern<'l>(
+        &self,
+        texture: u32,
+        points: &PatternPacket,
+        mask: &Lanes<bool>,
+        lookup: &'l mut PacketLookup,
+    ) -> &'l Lanes<[f32; 4]> {
+        if let Lookup::Procedural(procedural) = &self.lookups[texture as usize] {
+            procedural::sample_packet(procedural, points, mask, lookup.texels_mut());
+        }
+        &lookup.texels
     }
 
     /// Returns the linear RGBA of a texture at the points of the lanes in `mask`, averaged over their footprints.

@@ -9,39 +9,145 @@
 use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
+use multiversion::multiversion;
 
-use crate::numeric::noise::{fractal, noise, remaining_amplitude, turbulence};
-use crate::scene::{Pattern, Procedural, Space};
+use super::{MAX_PROBES, UvPacket};
+use crate::numeric::lane_math::sin_cos;
+use crate::numeric::noise::{fractal, lone, noise_at, remaining_amplitude, turbulence};
+use crate::numeric::{LANES, Lanes, Lanes3};
+use crate::scene::{Pattern, Procedural, Space, UvTransform};
+
+/// Points of sixteen lookups in the space of a pattern, before its scale.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct PatternPacket {
+    /// Looked up points.
+    pub(crate) p: Lanes3<f64>,
+    /// Axes of the rays' footprints as full lengths, the longer first.
+    pub(crate) axes: [Lanes3<f64>; 2],
+}
+
+impl PatternPacket {
+    /// Points at the origin, without footprints.
+    pub(crate) const ZERO: PatternPacket = PatternPacket {
+        p: [[0.0; LANES]; 3],
+        axes: [[[0.0; LANES]; 3]; 2],
+    };
+
+    /// Sets the points to those of texture coordinates after `transform`.
+    #[inline(always)]
+    pub(crate) fn set_coordinates(&mut self, points: &UvPacket, transform: &UvTransform) {
+        let points = points.transformed(transform);
+        let wide = |[u, v]: &[Lanes<f32>; 2]| [u.map(f64::from), v.map(f64::from), [0.0; LANES]];
+        self.p = wide(&points.uv);
+        self.axes = points.axes.each_ref().map(wide);
+    }
+}
 
 /// Returns the linear RGBA at `p`, in the pattern's space but before its scale, averaged over a box of sides `width`
 /// there.
 #[inline]
 pub(super) fn sample(procedural: &Procedural, p: DVec3, width: DVec3) -> [f32; 4] {
-    let scale = DVec3::from_array(procedural.scale);
-    let second = second_color_weight(procedural.pattern, finite(scale * p), finite_width(scale * width));
-    let second = second.clamp(0.0, 1.0) as f32;
+    let [second] = scaled_weights(procedural, &lone(p), &lone(width));
     let [a, b] = procedural.colors;
     std::array::from_fn(|i| (1.0 - second) * a[i] + second * b[i])
 }
 
+/// Sets the linear RGBA of the lanes in `mask` to means over the footprints of `points`; other lanes get any values. Each
+/// is the mean of several boxes along the longer axis, as in [`super::TextureSet::sample_footprint`], the scalar referee.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+pub(super) fn sample_packet(
+    procedural: &Procedural,
+    points: &PatternPacket,
+    mask: &Lanes<bool>,
+    texels: &mut Lanes<[f32; 4]>,
+) {
+    let [longer, shorter] = &points.axes;
+    // Count the boxes along the longer axes, and choose their widths
+    let mut counts = [1.0; LANES];
+    let mut most: f64 = 1.0;
+    for l in 0..LANES {
+        let length = |axis: &Lanes3<f64>| {
+            (axis[0][l] * axis[0][l] + axis[1][l] * axis[1][l] + axis[2][l] * axis[2][l]).sqrt()
+        };
+        let ratio = (length(longer) / length(shorter)).ceil();
+        // An axis of zero length gives an infinite ratio; NaN means that both are zero
+        let count = if ratio > 1.0 { ratio.min(MAX_PROBES) } else { 1.0 };
+        counts[l] = if mask[l] { count } else { 1.0 };
+        most = most.max(counts[l]);
+    }
+    let mut width = [[0.0; LANES]; 3];
+    for axis in 0..3 {
+        for l in 0..LANES {
+            width[axis][l] = shorter[axis][l].abs() + longer[axis][l].abs() / counts[l];
+        }
+    }
+    // Add up the colours of the boxes
+    let [a, b] = procedural.colors;
+    let mut sums = [[0.0; LANES]; 4];
+    for probe in 0..most as u32 {
+        let probe = f64::from(probe);
+        let mut p = points.p;
+        for axis in 0..3 {
+            for l in 0..LANES {
+                p[axis][l] += longer[axis][l] * ((probe + 0.5) / counts[l] - 0.5);
+            }
+        }
+        let weights = scaled_weights(procedural, &p, &width);
+        for channel in 0..4 {
+            for l in 0..LANES {
+                let color = (1.0 - weights[l]) * a[channel] + weights[l] * b[channel];
+                let sum = sums[channel][l] + color;
+                sums[channel][l] = if probe < counts[l] { sum } else { sums[channel][l] };
+            }
+        }
+    }
+    for l in 0..LANES {
+        texels[l] = std::array::from_fn(|channel| sums[channel][l] / counts[l] as f32);
+    }
+}
+
 /// Returns the derivative of the red channel by `p`, averaged over a box of sides `width`: central differences over the
 /// box, or over the step with the least rounding error where the box has no width.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
 pub(super) fn gradient(procedural: &Procedural, p: DVec3, width: DVec3) -> DVec3 {
     /// Relative step of the difference: the cube root of f64's epsilon, 2^-52. It balances the error of the difference,
     /// step², and its rounding, which grows with the coordinate: epsilon |p| / step.
     const STEP: f64 = 1.0 / (1 << 17) as f64;
-    let scale = DVec3::from_array(procedural.scale);
-    let (p, width) = (finite(scale * p), finite_width(scale * width));
-    let second = |p: DVec3| second_color_weight(procedural.pattern, p, width).clamp(0.0, 1.0);
-    let [a, b] = procedural.colors.map(|color| f64::from(color[0]));
-    // Take central differences along each axis
-    let mut gradient = DVec3::ZERO;
+    let scale = procedural.scale;
+    let mut steps = [0.0; 3];
+    // Place two points along each axis; the last pair fills the lanes
+    let mut points = [[0.0; 8]; 3];
+    let mut sides = [[0.0; 8]; 3];
     for axis in 0..3 {
-        let step = (0.5 * width[axis]).max(STEP * p[axis].abs().cbrt().max(1.0));
-        let offset = DVec3::AXES[axis] * step;
-        gradient[axis] = scale[axis] * (b - a) * (second(p + offset) - second(p - offset)) / (2.0 * step);
+        let center = finite(scale[axis] * p[axis]);
+        let side = finite_width(scale[axis] * width[axis]);
+        let half = 0.5 * side;
+        // A root of a number beyond 1 is smaller than the number
+        let is_wide = half >= STEP * center.abs().max(1.0);
+        steps[axis] = if is_wide {
+            half
+        } else {
+            half.max(STEP * center.abs().cbrt().max(1.0))
+        };
+        points[axis] = [center; 8];
+        points[axis][2 * axis] += steps[axis];
+        points[axis][2 * axis + 1] -= steps[axis];
+        sides[axis] = [side; 8];
     }
-    gradient
+    let weights =
+        second_color_weights(procedural.pattern, &points, &sides).map(|weight| weight.clamp(0.0, 1.0));
+    // Take central differences
+    let [a, b] = procedural.colors.map(|color| f64::from(color[0]));
+    DVec3::from_array(std::array::from_fn(|axis| {
+        let difference = weights[2 * axis] - weights[2 * axis + 1];
+        scale[axis] * (b - a) * difference / (2.0 * steps[axis])
+    }))
 }
 
 /// Returns the sides of the box for a ray of which only its `width` is given.
@@ -59,92 +165,220 @@ pub(super) fn isotropic(procedural: &Procedural, p: DVec3, width: f64) -> DVec3 
     }))
 }
 
-/// Returns the weight of the second colour at `p`, averaged over a box of sides `width`.
-fn second_color_weight(pattern: Pattern, p: DVec3, width: DVec3) -> f64 {
+/// Returns the weights of the second colour at `N` points before the pattern's scale, within [0, 1].
+#[inline(always)]
+fn scaled_weights<const N: usize>(
+    procedural: &Procedural,
+    p: &[[f64; N]; 3],
+    width: &[[f64; N]; 3],
+) -> [f32; N] {
+    let mut scaled = [[0.0; N]; 3];
+    let mut sides = [[0.0; N]; 3];
+    for axis in 0..3 {
+        let scale = procedural.scale[axis];
+        for l in 0..N {
+            scaled[axis][l] = finite(scale * p[axis][l]);
+            sides[axis][l] = finite_width(scale * width[axis][l]);
+        }
+    }
+    second_color_weights(procedural.pattern, &scaled, &sides).map(|weight| weight.clamp(0.0, 1.0) as f32)
+}
+
+/// Returns the weights of the second colour at `N` points, averaged over boxes of sides `width`.
+#[inline(always)]
+fn second_color_weights<const N: usize>(
+    pattern: Pattern,
+    p: &[[f64; N]; 3],
+    width: &[[f64; N]; 3],
+) -> [f64; N] {
+    let mut weights = [0.0; N];
     match pattern {
         Pattern::Checker => {
-            let square = |axis: usize| mean_square_wave(p[axis], width[axis]);
-            0.5 - 0.5 * square(0) * square(1) * square(2)
+            for l in 0..N {
+                let square = |axis: usize| mean_square_wave(p[axis][l], width[axis][l]);
+                weights[l] = 0.5 - 0.5 * square(0) * square(1) * square(2);
+            }
         }
-        Pattern::Gradient => mean_ramp(p.x, width.x),
-        Pattern::Noise { octaves } => 0.5 + 0.5 * fractal(p, octaves, width.max_element()),
+        Pattern::Gradient => {
+            for l in 0..N {
+                weights[l] = mean_ramp(p[0][l], width[0][l]);
+            }
+        }
+        Pattern::Noise { octaves } => {
+            weights = fractal(p, octaves, &widest_sides(width)).map(|noise| 0.5 + 0.5 * noise);
+        }
+        Pattern::Marble { .. } => {
+            let wave = Wave::of(pattern, p, width);
+            for l in 0..N {
+                weights[l] = 0.5 + 0.5 * sine(wave.phase[l]) * wave.damping[l];
+            }
+        }
+        Pattern::Wood { .. } => {
+            let wave = Wave::of(pattern, p, width);
+            for l in 0..N {
+                weights[l] = 0.5 - 0.5 * cosine(wave.phase[l]) * wave.damping[l];
+            }
+        }
+    }
+    weights
+}
+
+/// Waves of period 1 at `N` points, averaged over boxes.
+struct Wave<const N: usize> {
+    phase: [f64; N],
+    /// Amplitudes that remain after averaging over the boxes: exact where the phase is linear.
+    damping: [f64; N],
+}
+
+impl<const N: usize> Wave<N> {
+    /// Returns the waves of marble or wood, averaged over boxes of sides `width`.
+    #[inline(always)]
+    fn of(pattern: Pattern, p: &[[f64; N]; 3], width: &[[f64; N]; 3]) -> Wave<N> {
+        let widest = widest_sides(width);
+        let mut wave = Wave {
+            phase: [0.0; N],
+            damping: [1.0; N],
+        };
+        // Evaluate the phase at the points, then a box's width beyond along each axis
+        for step in 0..4 {
+            let mut moved = *p;
+            if step > 0 {
+                let width = &width[step - 1];
+                if width.iter().all(|&side| side == 0.0) {
+                    continue;
+                }
+                for l in 0..N {
+                    moved[step - 1][l] += width[l];
+                }
+            }
+            let phases = phases(pattern, &moved, &widest);
+            if step == 0 {
+                wave.phase = phases;
+                continue;
+            }
+            // Multiply the sinc factor of the axis; a side of zero length has none
+            for l in 0..N {
+                let factor = sinc(phases[l] - wave.phase[l]);
+                wave.damping[l] *= if width[step - 1][l] == 0.0 { 1.0 } else { factor };
+            }
+        }
+        wave
+    }
+}
+
+/// Returns the phases of marble or wood in turns; zero for other patterns.
+#[inline(always)]
+fn phases<const N: usize>(pattern: Pattern, p: &[[f64; N]; 3], widest: &[f64; N]) -> [f64; N] {
+    let mut phases = [0.0; N];
+    match pattern {
         Pattern::Marble {
             octaves,
             turbulence: shift,
         } => {
-            let phase = |p: DVec3| p.x + shift * turbulence(p, octaves, width.max_element());
-            0.5 + 0.5 * (TAU * phase(p)).sin() * damping(phase, p, width)
+            let turbulence = turbulence(p, octaves, widest);
+            for l in 0..N {
+                phases[l] = p[0][l] + shift * turbulence[l];
+            }
         }
         Pattern::Wood { turbulence: shift } => {
-            let phase =
-                |p: DVec3| p.x.hypot(p.y) + shift * remaining_amplitude(width.max_element()) * noise(p);
-            0.5 - 0.5 * (TAU * phase(p)).cos() * damping(phase, p, width)
+            let noise = noise_at(p);
+            for l in 0..N {
+                let radius = (p[0][l] * p[0][l] + p[1][l] * p[1][l]).sqrt();
+                phases[l] = radius + shift * remaining_amplitude(widest[l]) * noise[l];
+            }
         }
+        Pattern::Checker | Pattern::Gradient | Pattern::Noise { .. } => {}
     }
+    phases
+}
+
+/// Returns the longest sides of `N` boxes.
+#[inline(always)]
+fn widest_sides<const N: usize>(width: &[[f64; N]; 3]) -> [f64; N] {
+    let mut widest = [0.0; N];
+    for l in 0..N {
+        widest[l] = width[0][l].max(width[1][l].max(width[2][l]));
+    }
+    widest
 }
 
 /// Returns the mean over [x - width/2, x + width/2] of the square wave that is 1 on [0, 1), -1 on [1, 2), and so on.
+#[inline(always)]
 fn mean_square_wave(x: f64, width: f64) -> f64 {
-    let x = x - 2.0 * (0.5 * x).floor();
+    let periodic = |x: f64| x - 2.0 * (0.5 * x).floor();
+    let x = periodic(x);
     let (low, high) = (x - 0.5 * width, x + 0.5 * width);
+    // The integral of the square wave is a triangle wave of height 1
+    let integral = |x: f64| 1.0 - (periodic(x) - 1.0).abs();
+    let mean = ((integral(high) - integral(low)) / width).clamp(-1.0, 1.0);
+    // Within one cell the wave is constant
     let cell = low.floor();
-    if cell == high.floor() {
-        let is_even = 0.5 * cell == (0.5 * cell).floor();
-        return if is_even { 1.0 } else { -1.0 };
-    }
-    // The integral of the square wave is a triangle wave of height 1.
-    let integral = |x: f64| 1.0 - (x.rem_euclid(2.0) - 1.0).abs();
-    ((integral(high) - integral(low)) / width).clamp(-1.0, 1.0)
+    let is_even = 0.5 * cell == (0.5 * cell).floor();
+    let constant = if is_even { 1.0 } else { -1.0 };
+    if cell == high.floor() { constant } else { mean }
 }
 
 /// Returns the mean over [x - width/2, x + width/2] of x clamped to [0, 1].
+#[inline(always)]
 fn mean_ramp(x: f64, width: f64) -> f64 {
     let (low, high) = (x - 0.5 * width, x + 0.5 * width);
-    if !(low < 0.0 && high > 0.0 || low < 1.0 && high > 1.0) {
-        return x.clamp(0.0, 1.0);
-    }
     // Integral from 0 to x: half the square up to 1, then x - 1 more.
-    let integral = |x: f64| 0.5 * x.clamp(0.0, 1.0).powi(2) + (x - 1.0).max(0.0);
-    (integral(high) - integral(low)) / width
-}
-
-/// Returns the amplitude that a wave of period 1 keeps after averaging over the box: exact where `phase` is linear.
-fn damping(phase: impl Fn(DVec3) -> f64, p: DVec3, width: DVec3) -> f64 {
-    let mut left = 1.0;
-    let mut here = None;
-    // Multiply the sinc factors of the box's three axes
-    for axis in DVec3::AXES {
-        let across = axis * width;
-        if across != DVec3::ZERO {
-            let here = *here.get_or_insert_with(|| phase(p));
-            left *= sinc(phase(p + across) - here);
-        }
-    }
-    left
+    let integral = |x: f64| {
+        let inside = x.clamp(0.0, 1.0);
+        0.5 * (inside * inside) + (x - 1.0).max(0.0)
+    };
+    let mean = (integral(high) - integral(low)) / width;
+    // Without a bend in the interval it is the middle
+    let bends = (low < 0.0) & (high > 0.0) | (low < 1.0) & (high > 1.0);
+    if bends { mean } else { x.clamp(0.0, 1.0) }
 }
 
 /// Returns sin(πx) / (πx), and 1 at 0.
+#[inline(always)]
 fn sinc(x: f64) -> f64 {
-    let y = PI * x;
-    if y == 0.0 { 1.0 } else { y.sin() / y }
+    let factor = sine(0.5 * x) / (PI * x);
+    if x == 0.0 { 1.0 } else { factor }
 }
 
-/// Replaces coordinates by 0 that are not finite, or so large that they have no fractional bits.
-fn finite(p: DVec3) -> DVec3 {
+/// Returns the sine of an angle in turns, with full relative accuracy near 0.
+#[inline(always)]
+fn sine(turns: f64) -> f64 {
+    sin_cos(TAU * (turns - turns.round_ties_even()))[0]
+}
+
+/// Returns the cosine of an angle in turns.
+#[inline(always)]
+fn cosine(turns: f64) -> f64 {
+    sin_cos(TAU * (turns - turns.round_ties_even()))[1]
+}
+
+/// Replaces a coordinate by 0 that is not finite, or so large that it has no fractional bits.
+#[inline(always)]
+fn finite(x: f64) -> f64 {
     const NO_FRACTION: f64 = (1u64 << 52) as f64;
-    DVec3::from_array(p.to_array().map(|x| if x.abs() < NO_FRACTION { x } else { 0.0 }))
+    if x.abs() < NO_FRACTION { x } else { 0.0 }
 }
 
-/// Returns the absolute widths; NaN counts as 0, and an infinite width as far more than any pattern's period.
-fn finite_width(width: DVec3) -> DVec3 {
+/// Returns the absolute width; NaN counts as 0, and an infinite width as far more than any pattern's period.
+#[inline(always)]
+fn finite_width(width: f64) -> f64 {
     const BOUNDLESS: f64 = 1e30;
-    let bounded = |x: f64| if x.is_nan() { 0.0 } else { x.abs().min(BOUNDLESS) };
-    DVec3::from_array(width.to_array().map(bounded))
+    if width.is_nan() {
+        0.0
+    } else {
+        width.abs().min(BOUNDLESS)
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Returns the weight of the second colour at `p`, averaged over a box of sides `width`.
+    fn second_color_weight(pattern: Pattern, p: DVec3, width: DVec3) -> f64 {
+        let [weight] = second_color_weights(pattern, &lone(p), &lone(width));
+        weight
+    }
 
     /// Returns one pattern of each kind.
     fn patterns() -> [Pattern; 5] {

@@ -1,6 +1,7 @@
 //! Tests of texture lookups through a prepared scene.
 
 use super::*;
+use crate::numeric::{LANES, Lanes3, SplitMix64};
 use crate::scene::{AlphaMode, Material, MaterialInput, Model, Pattern, TextureBinding, UvTransform, Wrap};
 
 const MIPMAPPED: Sampler = Sampler {
@@ -214,6 +215,70 @@ fn filtered_checkered_floor_is_close_to_1024_samples() {
     }
     let rmse = (squares / count).sqrt();
     assert!(rmse < 0.02, "{rmse}");
+}
+
+#[test]
+fn patterns_at_sixteen_points_equal_those_of_each() {
+    let patterns = [
+        Pattern::Checker,
+        Pattern::Gradient,
+        Pattern::Noise { octaves: 5 },
+        Pattern::Marble {
+            octaves: 4,
+            turbulence: 2.0,
+        },
+        Pattern::Wood { turbulence: 0.3 },
+    ];
+    let mut random = SplitMix64::new(11, 0);
+    let mut images = PacketLookup::new();
+    for (pattern, round) in patterns
+        .into_iter()
+        .flat_map(|pattern| (0..64).map(move |i| (pattern, i)))
+    {
+        let texture = Texture::Procedural(Procedural {
+            pattern,
+            colors: [[0.1, 0.2, 0.3, 1.0], [0.7, 0.8, 0.9, 0.5]],
+            space: Space::Object,
+            scale: [2.0, 1.0, 0.5],
+        });
+        let scene = scene(texture, Vec::new(), MaterialInput::BaseColor);
+        let set = TextureSet::new(&scene);
+        // Choose points and footprints of all sizes; some without width, some of a point that is not finite
+        let mut packet = PatternPacket::ZERO;
+        let size = 2f64.powi(round % 13 - 9);
+        for l in 0..LANES {
+            for axis in 0..3 {
+                packet.p[axis][l] = 20.0 * random.unit() - 10.0;
+                packet.axes[0][axis][l] = size * (random.unit() - 0.5);
+                packet.axes[1][axis][l] = 0.1 * size * random.unit() * f64::from(l as u32 % 4);
+            }
+        }
+        packet.p[1][3] = f64::NAN;
+        packet.axes[0][2][5] = f64::INFINITY;
+        packet.axes = if round % 8 == 0 {
+            PatternPacket::ZERO.axes
+        } else {
+            packet.axes
+        };
+        let mut mask = [true; LANES];
+        mask[7] = false;
+        let together = *set.sample_pattern(0, &packet, &mask, &mut images);
+        // Look each of them up
+        for l in (0..LANES).filter(|&l| mask[l]) {
+            let lane = |v: &Lanes3<f64>| DVec3::new(v[0][l], v[1][l], v[2][l]);
+            let footprint = Footprint {
+                uv: [[0.0; 2]; 2],
+                object: packet.axes.each_ref().map(lane),
+            };
+            let point = TexturePoint::sharp([0.0; 2], lane(&packet.p));
+            let alone = set.sample_footprint(0, Encoding::Linear, &point, &footprint);
+            assert_eq!(
+                together[l].map(f32::to_bits),
+                alone.map(f32::to_bits),
+                "{pattern:?} {l}"
+            );
+        }
+    }
 }
 
 #[test]

@@ -13,7 +13,7 @@ use super::direct;
 use crate::accel::{Coherence, MAX_BATCH, NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::optics::LINE_D;
-use crate::scene::Effect;
+use crate::scene::{AlphaMode, Effect};
 
 /// Largest number of surfaces that a shadow ray passes before it counts as occluded; no real material leaves any
 /// light behind so many.
@@ -147,6 +147,7 @@ struct ShadowTint {
 impl ShadowRays<'_> {
     /// Advances each lane to its light or behind the surface that it hit, and attenuates its radiance.
     fn advance_rays(mut self, frame: &RenderContext, packet: &mut RayPacket, shadow_surfaces: &mut Surfaces) {
+        self.end_at_opaque_surfaces(frame, packet);
         let any_hit = (0..LANES).any(|l| packet.active[l] != 0 && packet.instance[l] != NO_HIT);
         if any_hit {
             frame
@@ -194,6 +195,22 @@ impl ShadowRays<'_> {
         }
     }
 
+    /// Ends the rays that hit surfaces without any transmission, which need no interaction.
+    fn end_at_opaque_surfaces(&mut self, frame: &RenderContext, packet: &mut RayPacket) {
+        for l in 0..LANES {
+            let instance = packet.instance[l];
+            if packet.active[l] == 0 || instance == NO_HIT || !is_opaque(frame, instance) {
+                continue;
+            }
+            (0..3).for_each(|c| self.radiance[c][l] = 0.0);
+            if let Some(lobes) = &mut self.lobe_radiance {
+                (0..3).for_each(|c| lobes[c][l] = 0.0);
+            }
+            packet.active[l] = 0;
+            packet.clear_hit(l);
+        }
+    }
+
     /// Returns the transmittance of the surface that lane `l` hit, and updates the lane's interiors to those behind
     /// it.
     fn tint(
@@ -233,4 +250,16 @@ impl ShadowRays<'_> {
             unrefracted: unrefracted.map(mixed),
         }
     }
+}
+
+/// Returns whether no light passes through the surfaces of an instance, wherever they are hit.
+fn is_opaque(frame: &RenderContext, instance: u32) -> bool {
+    let effects = frame.effects();
+    let material = &frame.scene.materials[frame.scene.instances[instance as usize].material as usize];
+    let has_gaps = match material.alpha {
+        AlphaMode::Opaque => false,
+        AlphaMode::Mask(_) => effects.has(Effect::AlphaTest),
+        AlphaMode::Blend => effects.has(Effect::AlphaBlend),
+    };
+    !has_gaps && !(effects.has(Effect::Refraction) && material.transmits())
 }

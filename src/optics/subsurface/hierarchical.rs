@@ -1,61 +1,155 @@
-//! Hierarchical evaluation of the radiant exitance at a point: the dipole times the power of every irradiance sample,
-//! or of far octree cells.
+//! Hierarchical evaluation of the radiant exitance at sixteen points: the dipole times the power of every irradiance
+//! sample, or of far octree cells.
+//!
+//! The points walk the octree together, each with its own choice of near and far cells: what is added to one of them
+//! does not depend on the others.
 
-use glam::DVec3;
 use multiversion::multiversion;
 
-use super::dipole::DipoleKernel;
-use super::octree::{IrradianceTree, Moments};
-use crate::numeric::{LANES, Lanes3};
+use super::dipole::PointSource;
+use super::octree::{IrradianceTree, Moments, OctreeNode};
+use crate::numeric::{LANES, Lanes, Lanes3};
 
-/// Number of sources that are evaluated at a time.
-const BATCH: usize = 4 * LANES;
+/// Radiant exitances of sixteen points.
+pub(super) struct ExitancePacket {
+    /// Sums of exitances in red, green and blue; in f64, so that the order of thousands of terms costs no digit of f32.
+    sums: Lanes3<f64>,
+    /// Number of evaluations of the dipole for each point.
+    evaluation_counts: Lanes<u32>,
+}
 
-/// Sources that await evaluation, and the sum of those evaluated.
-struct PointBatch<'k> {
-    kernel: &'k DipoleKernel,
-    /// Squared distances of the sources, by colour.
-    r2: [[f32; BATCH]; 3],
-    power: [[f32; BATCH]; 3],
-    count: usize,
-    sums: Lanes3<f32>,
-    evaluation_count: usize,
+/// Walk of sixteen points over the nodes of an octree in depth-first order.
+struct Walk {
+    /// Index of the node at which each point takes part again, behind the subtree of its last far cell.
+    resume: Lanes<u32>,
+    /// All bits set for the points that take the current node as a whole.
+    far: Lanes<u32>,
+    /// All bits set for the points that descend into the current node.
+    near: Lanes<u32>,
 }
 
 impl IrradianceTree {
-    /// Returns the radiant exitance at `p` in linear red, green and blue: the power that leaves the medium there per
-    /// unit of area, in all directions together.
+    /// Returns the radiant exitances of the points in `mask` in linear red, green and blue: the power that leaves the
+    /// medium there per unit of area, in all directions together. Other lanes are zero.
     ///
-    /// Allocates no memory. The result has identical bits on every machine, and for any number of threads.
-    pub fn radiant_exitance(&self, p: DVec3) -> [f32; 3] {
-        self.gather(p).0
+    /// Allocates no memory. The results have identical bits on every machine, for any number of threads, and whatever
+    /// the other lanes are.
+    pub fn radiant_exitances(&self, p: &Lanes3<f64>, mask: &Lanes<bool>) -> Lanes3<f32> {
+        let packet = gather(self, p, mask);
+        packet.sums.map(|channel| channel.map(|sum| sum as f32))
+    }
+}
+
+/// Sums the exitances of the points in `mask` over the octree.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+fn gather(tree: &IrradianceTree, p: &Lanes3<f64>, mask: &Lanes<bool>) -> ExitancePacket {
+    // Move the points to the origin of the tree
+    let mut moved = [[0.0f32; LANES]; 3];
+    for axis in 0..3 {
+        for l in 0..LANES {
+            moved[axis][l] = (p[axis][l] - tree.origin[axis]) as f32;
+        }
+    }
+    let mut packet = ExitancePacket {
+        sums: [[0.0; LANES]; 3],
+        evaluation_counts: [0; LANES],
+    };
+    let mut walk = Walk {
+        resume: mask.map(|takes_part| if takes_part { 0 } else { u32::MAX }),
+        far: [0; LANES],
+        near: [0; LANES],
+    };
+    let mut n = 0;
+    while let Some(node) = tree.nodes.get(n as usize) {
+        let next = walk.visit(&moved, n, node);
+        // Represent a far cell by its moments; one without power adds nothing
+        if node.far2 >= 0.0 && walk.far.iter().any(|&far| far != 0) {
+            packet.add_cell(tree, &moved, &tree.moments[n as usize], &walk.far);
+        }
+        // Add the points of a near leaf; inner nodes have none
+        if node.count > 0 && walk.near.iter().any(|&near| near != 0) {
+            packet.add_points(tree, &moved, node, &walk.near);
+        }
+        n = next;
+    }
+    packet
+}
+
+impl Walk {
+    /// Divides the points that take part at node `n` into those for which the cell is far and near. Returns the next
+    /// node at which some point takes part.
+    #[inline(always)]
+    fn visit(&mut self, p: &Lanes3<f32>, n: u32, node: &OctreeNode) -> u32 {
+        let behind = n + node.node_count;
+        let mut next = u32::MAX;
+        for l in 0..LANES {
+            let takes_part = self.resume[l] <= n;
+            let is_far = squared_distance([p[0][l], p[1][l], p[2][l]], node.position) > node.far2;
+            self.far[l] = if takes_part & is_far { u32::MAX } else { 0 };
+            self.near[l] = if takes_part & !is_far { u32::MAX } else { 0 };
+            self.resume[l] = if takes_part & is_far {
+                behind
+            } else {
+                self.resume[l]
+            };
+            next = next.min(self.resume[l].max(n + 1));
+        }
+        next
+    }
+}
+
+impl ExitancePacket {
+    /// Adds the exitance from a whole cell to the points in `mask`: from two sources of half its power.
+    #[inline(always)]
+    fn add_cell(&mut self, tree: &IrradianceTree, p: &Lanes3<f32>, cell: &[Moments; 3], mask: &Lanes<u32>) {
+        for (c, moments) in cell.iter().enumerate() {
+            let sources = &tree.kernel.0[c];
+            let half = 0.5 * moments.power;
+            let mut exitance = [0.0; LANES];
+            for l in 0..LANES {
+                let [nearer, farther] = moments.squared_distances([p[0][l], p[1][l], p[2][l]]);
+                exitance[l] = half * reflectance(sources, nearer) + half * reflectance(sources, farther);
+            }
+            self.add(c, &exitance, mask);
+        }
+        for l in 0..LANES {
+            self.evaluation_counts[l] += 2 & mask[l];
+        }
     }
 
-    /// Returns the radiant exitance at `p`, and the number of evaluations of the dipole for it.
-    pub(super) fn gather(&self, p: DVec3) -> ([f32; 3], usize) {
-        let p = (p - self.origin).as_vec3().to_array();
-        let mut batch = PointBatch::new(&self.kernel);
-        let mut n = 0;
-        // Walk the octree in depth-first order, skipping the subtrees of far cells
-        while let Some(node) = self.nodes.get(n) {
-            // Represent a far cell by its moments
-            if squared_distance(p, node.position) > node.far2 {
-                if node.far2 >= 0.0 {
-                    batch.push_cell(p, &self.moments[n]);
+    /// Adds the exitance from the points of a leaf to those in `mask`.
+    #[inline(always)]
+    fn add_points(&mut self, tree: &IrradianceTree, p: &Lanes3<f32>, leaf: &OctreeNode, mask: &Lanes<u32>) {
+        let first = leaf.first as usize;
+        for i in first..first + leaf.count as usize {
+            let source = [tree.position[0][i], tree.position[1][i], tree.position[2][i]];
+            for c in 0..3 {
+                let sources = &tree.kernel.0[c];
+                let power = tree.power[c][i];
+                let mut exitance = [0.0; LANES];
+                for l in 0..LANES {
+                    let r2 = squared_distance([p[0][l], p[1][l], p[2][l]], source);
+                    exitance[l] = power * reflectance(sources, r2);
                 }
-                n += node.node_count as usize;
-                continue;
+                self.add(c, &exitance, mask);
             }
-            // Add the points of a near leaf; inner nodes have none
-            let first = node.first as usize;
-            for i in first..first + node.count as usize {
-                let of = |array: &[Vec<f32>; 3]| [array[0][i], array[1][i], array[2][i]];
-                let r2 = squared_distance(p, of(&self.position));
-                batch.push([r2; 3], of(&self.power));
+            for l in 0..LANES {
+                self.evaluation_counts[l] += 1 & mask[l];
             }
-            n += 1;
         }
-        batch.finish()
+    }
+}
+
+impl ExitancePacket {
+    /// Adds exitances in colour channel `c` to the points in `mask`, in a loop of its own: f32 lanes are twice as wide.
+    #[inline(always)]
+    fn add(&mut self, c: usize, exitance: &Lanes<f32>, mask: &Lanes<u32>) {
+        for l in 0..LANES {
+            self.sums[c][l] += f64::from(if mask[l] != 0 { exitance[l] } else { 0.0 });
+        }
     }
 }
 
@@ -73,98 +167,47 @@ impl Moments {
     }
 }
 
+/// Returns the dipole's reflectance per unit of area at the squared distance `r2`, from its source and its image.
+#[inline(always)]
+fn reflectance([source, image]: &[PointSource; 2], r2: f32) -> f32 {
+    source.at(r2) + image.at(r2)
+}
+
 /// Returns the squared distance between two points.
+#[inline(always)]
 fn squared_distance(a: [f32; 3], b: [f32; 3]) -> f32 {
     let d = [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
     d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
 }
 
-impl PointBatch<'_> {
-    fn new(kernel: &DipoleKernel) -> PointBatch<'_> {
-        PointBatch {
-            kernel,
-            r2: [[0.0; BATCH]; 3],
-            power: [[0.0; BATCH]; 3],
-            count: 0,
-            sums: [[0.0; LANES]; 3],
-            evaluation_count: 0,
-        }
-    }
-
-    /// Adds a source with squared distance and power by colour, and evaluates the batch if it is full.
-    #[inline(always)]
-    fn push(&mut self, r2: [f32; 3], power: [f32; 3]) {
-        for c in 0..3 {
-            self.r2[c][self.count] = r2[c];
-            self.power[c][self.count] = power[c];
-        }
-        self.count += 1;
-        if self.count == BATCH {
-            self.evaluate();
-        }
-    }
-
-    /// Adds two sources that represent a whole cell.
-    #[inline(always)]
-    fn push_cell(&mut self, p: [f32; 3], moments: &[Moments; 3]) {
-        let half = moments.each_ref().map(|of_color| 0.5 * of_color.power);
-        let r2 = moments.each_ref().map(|of_color| of_color.squared_distances(p));
-        self.push(r2.map(|[nearer, _]| nearer), half);
-        self.push(r2.map(|[_, farther]| farther), half);
-    }
-
-    /// Evaluates the dipole for all sources of the batch and empties it.
-    fn evaluate(&mut self) {
-        add_exitance(self.kernel, &self.r2, &self.power, &mut self.sums);
-        self.evaluation_count += self.count;
-        self.count = 0;
-    }
-
-    /// Evaluates the remaining sources; returns the exitance and the number of evaluations.
-    fn finish(mut self) -> ([f32; 3], usize) {
-        // Unused slots must contribute zero
-        for channel in &mut self.power {
-            channel[self.count..].fill(0.0);
-        }
-        self.evaluate();
-        // Sum in a fixed order, in f64 so that no step rounds to f32.
-        let sum = |lanes: [f32; LANES]| lanes.iter().map(|&x| f64::from(x)).sum::<f64>() as f32;
-        (self.sums.map(sum), self.evaluation_count)
-    }
-}
-
-/// Adds the exitance from the sources of a batch, lane by lane.
-#[multiversion(targets(
-    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
-    "x86_64+avx2+bmi1+bmi2+fma"
-))]
-fn add_exitance(
-    kernel: &DipoleKernel,
-    r2: &[[f32; BATCH]; 3],
-    power: &[[f32; BATCH]; 3],
-    sums: &mut Lanes3<f32>,
-) {
-    for c in 0..3 {
-        let [source, image] = kernel.0[c];
-        let mut sum = sums[c];
-        for first in (0..BATCH).step_by(LANES) {
-            for l in 0..LANES {
-                let i = first + l;
-                sum[l] += power[c][i] * (source.at(r2[c][i]) + image.at(r2[c][i]));
-            }
-        }
-        sums[c] = sum;
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
     use rayon::prelude::*;
 
     use super::super::{
         DEFAULT_SOLID_ANGLE, Dipole, IrradianceSample, SubsurfacePreset, SurfaceSample, surface_samples,
     };
     use super::*;
+
+    impl IrradianceTree {
+        /// Returns the exitance at one point, and the number of evaluations of the dipole for it.
+        fn gather(&self, p: DVec3) -> ([f32; 3], usize) {
+            let mut mask = [false; LANES];
+            mask[5] = true;
+            let mut points = [[f64::NAN; LANES]; 3];
+            (0..3).for_each(|axis| points[axis][5] = p[axis]);
+            let packet = gather(self, &points, &mask);
+            (
+                packet.sums.map(|sum| sum[5] as f32),
+                packet.evaluation_counts[5] as usize,
+            )
+        }
+
+        fn radiant_exitance(&self, p: DVec3) -> [f32; 3] {
+            self.gather(p).0
+        }
+    }
 
     const CENTER: DVec3 = DVec3::new(100.0, -50.0, 7.0);
 
@@ -253,6 +296,37 @@ mod tests {
             println!("{name}: rms {rms:.2e}, most {most:.2e}, {evaluations:.0} evaluations");
             assert!(most <= 0.002 && rms <= 0.0004, "{name}: {rms} {most}");
             assert!(evaluations <= COUNT as f64 / 50.0, "{name}: {evaluations}");
+        }
+    }
+
+    #[test]
+    fn other_lanes_change_no_bit_of_a_point() {
+        let dipole = preset("marble");
+        let samples = lit_sphere(20_000, radius_for(20_000, &dipole), [1.0, 0.8, 0.5]);
+        let tree = IrradianceTree::build(&samples, &dipole, DEFAULT_SOLID_ANGLE);
+        let radius = samples[0].position.distance(CENTER);
+        // Take neighbours and points far apart, near and far from the surface
+        let points: Vec<DVec3> = (0..LANES)
+            .map(|l| {
+                let apart = DVec3::new(0.01, 0.0, 0.02) * (l * l) as f64;
+                CENTER + radius * (DVec3::Z + apart).normalize() * if l == 9 { 3.0 } else { 1.0 }
+            })
+            .collect();
+        let mut mask = [true; LANES];
+        mask[3] = false;
+        let lanes = [0, 1, 2].map(|axis| std::array::from_fn(|l| points[l][axis]));
+        let together = tree.radiant_exitances(&lanes, &mask);
+        for l in 0..LANES {
+            let alone = if mask[l] {
+                tree.radiant_exitance(points[l])
+            } else {
+                [0.0; 3]
+            };
+            assert_eq!(
+                together.map(|channel| channel[l].to_bits()),
+                alone.map(f32::to_bits),
+                "{l}"
+            );
         }
     }
 

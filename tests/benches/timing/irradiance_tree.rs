@@ -5,6 +5,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use glam::DVec3;
+use whit::numeric::LANES;
 use whit::optics::subsurface::{
     DEFAULT_SOLID_ANGLE, Dipole, IrradianceSample, IrradianceTree, SubsurfacePreset,
 };
@@ -49,14 +50,18 @@ pub(crate) fn run(limits: &mut Limits) {
     );
 }
 
-/// Returns the microseconds that the exitance at a point takes.
+/// Returns the microseconds that the exitance at a point takes, for packets of neighbours as those of a pixel.
 fn microseconds(tree: &IrradianceTree, points: &[DVec3], repeats: usize) -> f64 {
+    /// Distance of neighbours over the radius of the sphere.
+    const STEP: f64 = 1e-3;
     let count = repeats * points.len();
     let start = Instant::now();
     for p in points.iter().cycle().take(count) {
-        black_box(tree.radiant_exitance(*p));
+        let along = p.any_orthogonal_vector();
+        let lanes = [0, 1, 2].map(|axis| std::array::from_fn(|l| p[axis] + STEP * l as f64 * along[axis]));
+        black_box(tree.radiant_exitances(&lanes, &[true; LANES]));
     }
-    1e6 * start.elapsed().as_secs_f64() / count as f64
+    1e6 * start.elapsed().as_secs_f64() / (count * LANES) as f64
 }
 
 /// Returns points of a sphere of radius 1, evenly spread (a spiral of the golden angle).

@@ -9,6 +9,7 @@ use std::f64::consts::TAU;
 
 use glam::DVec2;
 
+use crate::numeric::lane_math::sin_cos;
 use crate::numeric::warp;
 
 /// A thin lens in front of a camera.
@@ -99,7 +100,8 @@ impl Lens {
 }
 
 impl Aperture {
-    /// Returns the point of the opening of radius 1 that `u` in [0, 1)² selects, uniform in area.
+    /// Returns the point of the opening of radius 1 that `u` in [0, 1)² selects, uniform in area. A rotation must be
+    /// within ±2^20 radians.
     #[inline(always)]
     pub fn point(&self, u: [f64; 2]) -> DVec2 {
         match *self {
@@ -115,7 +117,10 @@ fn polygon_point(blades: u32, rotation: f64, u: [f64; 2]) -> DVec2 {
     // u[0] selects the edge, and its fraction a position along the edge
     let scaled = u[0] * f64::from(blades);
     let blade = scaled.floor();
-    let corner = |number: f64| DVec2::from_angle(rotation + TAU * number / f64::from(blades));
+    let corner = |number: f64| {
+        let [sin, cos] = sin_cos(rotation + TAU * number / f64::from(blades));
+        DVec2::new(cos, sin)
+    };
     // The distance from the middle grows with the square root of the area; along the edge the density is uniform.
     u[1].sqrt() * corner(blade).lerp(corner(blade + 1.0), scaled - blade)
 }

@@ -1,5 +1,7 @@
 //! Lens prepared for the rays of one camera.
 
+use std::f64::consts::TAU;
+
 use glam::DVec3;
 
 use super::camera::{Camera, CameraRay, Projection};
@@ -28,7 +30,13 @@ impl Lens {
             up: axes.y_axis * self.radius,
             per_t_focus: window_distance / self.focus_distance,
             is_pinhole: self.radius == 0.0,
-            aperture: self.aperture,
+            aperture: match self.aperture {
+                Aperture::Disk => Aperture::Disk,
+                Aperture::Polygon { blades, rotation } => Aperture::Polygon {
+                    blades,
+                    rotation: rotation % TAU,
+                },
+            },
         }
     }
 }

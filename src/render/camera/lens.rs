@@ -7,7 +7,7 @@
 //! those around this point at the middle of the shutter interval.
 
 use super::super::context::RenderContext;
-use super::super::sampler::{Purpose, SampleGroup};
+use super::super::sampler::{Purpose, SampleGroup, number_packet};
 use super::super::tile::Block;
 use crate::accel::RayPacket;
 use crate::numeric::{LANES, Lanes};
@@ -32,6 +32,11 @@ impl RenderContext<'_> {
         (group, time): (&SampleGroup, &Lanes<f32>),
         position: &[Lanes<f64>; 2],
     ) -> Lanes<CameraRay> {
+        // Draw the lens points
+        let numbers = match (&self.lens, &self.motion) {
+            (None, None) => [[0.0; LANES]; 2],
+            _ => self.numbers(block, group, Purpose::LENS),
+        };
         std::array::from_fn(|l| {
             // Compute the film point of the sample
             let pixel = self.pixel(block, l);
@@ -50,23 +55,22 @@ impl RenderContext<'_> {
             let pinhole = view.ray(x, y);
             match lens {
                 None => pinhole,
-                Some(lens) => lens.ray(pinhole, self.numbers(block, group, l, Purpose::LENS)),
+                Some(lens) => lens.ray(pinhole, [numbers[0][l], numbers[1][l]]),
             }
         })
     }
 
     /// Returns the sample times of a packet.
     pub(in crate::render) fn times(&self, block: &Block, group: &SampleGroup) -> Lanes<f32> {
-        std::array::from_fn(|l| {
-            let [u, _] = self.numbers(block, group, l, Purpose::TIME);
-            self.shutter.time(u)
-        })
+        let [u, _] = self.numbers(block, group, Purpose::TIME);
+        u.map(|u| self.shutter.time(u))
     }
 
-    /// Returns the random pair for the sample of lane `l`.
-    fn numbers(&self, block: &Block, group: &SampleGroup, l: usize, purpose: Purpose) -> [f64; 2] {
-        self.settings
-            .numbers(self.pixel(block, l), group.sample[l], purpose)
+    /// Returns the random pairs for the samples of a packet.
+    fn numbers(&self, block: &Block, group: &SampleGroup, purpose: Purpose) -> [Lanes<f64>; 2] {
+        let pixels: Lanes<[u32; 2]> = std::array::from_fn(|l| self.pixel(block, l));
+        let pixels = [0, 1].map(|axis| pixels.map(|pixel| pixel[axis]));
+        number_packet(&pixels, &group.sample, purpose.seeded(self.settings.seed))
     }
 
     /// Returns the column and row of lane `l`'s pixel in the image.

@@ -106,10 +106,10 @@ impl StatsDestination {
 impl RenderJob {
     /// Checks all flags that can be checked without opening a scene.
     pub(super) fn new(args: &RenderArgs) -> Result<RenderJob, Failure> {
-        // Choose the backend: flag, then settings file, then default
+        // Choose the backend: flag, then settings file, then scene file, then default
         let chosen = args.settings.as_deref().map(chosen).transpose()?;
-        let backend = args.backend.or(chosen.and_then(|chosen| chosen.backend));
-        let backend = backend.unwrap_or_default();
+        let named = args.backend.or(chosen.and_then(|chosen| chosen.backend));
+        let backend = named.unwrap_or_default();
         if backend == Backend::Embree && !cfg!(feature = "embree") {
             return Err(whit::accel::AccelError::NoEmbree.into());
         }
@@ -181,6 +181,7 @@ impl RenderJob {
                     exposure: given_stops(args.display.exposure),
                     tone_map: args.display.tone_map,
                     background: args.display.background,
+                    backend: named,
                     ..requested(&args.frame)
                 },
                 adaptive: args.sampling.adaptive,

@@ -122,8 +122,9 @@ fn render_one(
         progress.warn(&format!("{name}: {warning}"));
     }
     // Search for settings if the job has a target
-    let aimed = aim(job, target, (&mut scene, &output), progress)?;
-    let request = aimed.as_ref().map_or(&job.request, |(request, _)| request);
+    let given = job.request.for_output(&output);
+    let aimed = aim((job, &given), target, (&mut scene, &output), progress)?;
+    let request = aimed.as_ref().map_or(&given, |(request, _)| request);
     let mut resolved = request.resolved(&output)?;
     let exposure = exposure::choose(job, target, (&scene, &output), progress)
         .unwrap_or(Exposure::Stops(resolved.tone.exposure_ev));
@@ -242,7 +243,7 @@ fn render_one(
 /// Searches for settings that reach the job's target and returns the request with these settings and the findings;
 /// changes the scene accordingly. Returns `None` if the job has no target or no settings were chosen.
 fn aim(
-    job: &RenderJob,
+    (job, request): (&RenderJob, &RenderRequest),
     target: &Target,
     (scene, output): (&mut Scene, &Output),
     progress: &Progress,
@@ -251,7 +252,6 @@ fn aim(
         return Ok(None);
     };
     progress.phase(&target.scene.display().to_string(), "choose");
-    let request = &job.request;
     let resolved = request.resolved(output)?;
     let camera = choose_camera(scene, &target.scene, job.camera.as_deref())?;
     let findings = autotune::find_settings((request, aim, &resolved), (scene.validate()?, camera), progress)?;

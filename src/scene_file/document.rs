@@ -15,6 +15,7 @@ use super::texture::TextureForm;
 use super::value::{Color, Located, OneOrMany};
 use super::visible_background::VisibleBackgroundForm;
 use super::volume::{FogForm, VolumeForm};
+use crate::accel::Backend;
 use crate::image::ToneOperator;
 use crate::scene::image_settings::{
     DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_SPP, DEFAULT_WAVELENGTHS, FilterKind, Pattern,
@@ -99,6 +100,8 @@ pub(super) struct OutputForm {
     /// Tone mapping operator of PNG images, after exposure.
     #[schemars(extend("default" = ToneOperator::default()))]
     pub(super) tone_map: Option<ToneOperator>,
+    /// Backend that finds the hits of rays; if absent, Embree where it is built in, else the BSP.
+    pub(super) backend: Option<Backend>,
 }
 
 /// Objects that are placed together.

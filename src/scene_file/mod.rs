@@ -11,6 +11,7 @@
 //! [output]                                        # the command line overrides these
 //! size = [640, 480]
 //! spp = 64
+//! backend = "auto"                                # or "embree", "native", "bsp", "brute"
 //!
 //! [camera]                                        # or [[camera]], the first being the usual one
 //! from = [0, 1.5, 5]
@@ -101,6 +102,7 @@ mod volume;
 
 use std::path::Path;
 
+use crate::accel::Backend;
 use crate::gltf::LoadOptions;
 use crate::image::ToneOperator;
 use crate::scene::image_settings::{
@@ -155,6 +157,8 @@ pub struct Output {
     pub background: Option<VisibleBackground>,
     /// Tone mapping operator of PNG images.
     pub tone_map: Option<ToneOperator>,
+    /// Backend that finds the hits.
+    pub backend: Option<Backend>,
 }
 
 impl Output {
@@ -176,6 +180,7 @@ impl Output {
             exposure: self.exposure.or(other.exposure),
             background: self.background.or(other.background),
             tone_map: self.tone_map.or(other.tone_map),
+            backend: self.backend.or(other.backend),
         }
     }
 }
@@ -332,5 +337,6 @@ fn output(form: Option<&Located<OutputForm>>, source: &Source) -> Result<Output,
         exposure: form.exposure,
         background: form.background.map(|form| form.0),
         tone_map: form.tone_map,
+        backend: form.backend,
     })
 }

@@ -69,6 +69,7 @@ impl RenderRequest {
         request.output.pattern = chosen.pattern.or(self.output.pattern);
         request.output.depth = chosen.depth.or(self.output.depth);
         request.output.wavelengths = chosen.wavelengths.or(self.output.wavelengths);
+        request.output.backend = chosen.backend.or(self.output.backend);
         request.adaptive = chosen.adaptive;
         if chosen.texture_filter == Some(false) {
             request.effects.removed = self.effects.removed.with(Effect::TextureFilter);
@@ -89,6 +90,15 @@ impl RenderRequest {
         request.cutoff = chosen.cutoff;
         request.spawn = chosen.spawn.unwrap_or(self.spawn);
         request.hit_points = chosen.hit_points.unwrap_or(self.hit_points);
+        request
+    }
+
+    /// Returns this request with the backend that the scene's file names in its image settings `output`, unless the
+    /// request names one.
+    #[must_use]
+    pub fn for_output(&self, output: &Output) -> RenderRequest {
+        let mut request = self.clone();
+        request.tracing.requested.backend = self.output.or(output).backend.unwrap_or(self.backend());
         request
     }
 

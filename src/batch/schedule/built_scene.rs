@@ -107,7 +107,7 @@ impl LoadedScene {
     /// Returns the forecast memory of the scene and its acceleration structure.
     pub(super) fn forecast(&self, request: &RenderRequest) -> MeshBytes {
         let forecast = MemoryForecast::of(&self.file.scene);
-        let tree = match request.backend() {
+        let tree = match request.for_output(&self.file.output).backend() {
             Backend::Embree => forecast.embree_bytes,
             Backend::Native => forecast.native_bytes,
             Backend::Auto => forecast.native_bytes + forecast.embree_bytes,
@@ -162,12 +162,13 @@ impl<'s> BuiltScene<'s> {
     ) -> Result<BuiltScene<'s>, BatchError> {
         let start = Instant::now();
         let scene = loaded.file.scene.validate().map_err(RequestError::from)?;
-        let settings = plan.request.resolved(&loaded.file.output)?.settings;
+        let request = plan.request.for_output(&loaded.file.output);
+        let settings = request.resolved(&loaded.file.output)?.settings;
         let options = AccelOptions {
             mesh_cache: kept.meshes.as_ref(),
-            ..plan.request.tracing.options_for(scene, &settings)
+            ..request.tracing.options_for(scene, &settings)
         };
-        let accel = accel::build(scene, plan.request.backend(), &options).map_err(RequestError::from)?;
+        let accel = accel::build(scene, request.backend(), &options).map_err(RequestError::from)?;
         check(observer.cancel)?;
         if let Some(meshes) = &kept.meshes {
             meshes.evict_unused();

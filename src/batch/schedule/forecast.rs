@@ -3,6 +3,7 @@
 use super::built_scene::{BuiltScene, LoadedScene, SceneCaches};
 use super::observer::{BatchObserver, FrameEvent};
 use super::row_schedule::film_bytes;
+use crate::accel::Backend;
 use crate::batch::error::BatchError;
 use crate::batch::options::BatchOptions;
 use crate::batch::plan::PlannedFrame;
@@ -15,6 +16,8 @@ pub struct FrameCost {
     pub probe: Probe,
     /// Render settings of the frame.
     pub settings: RenderSettings,
+    /// Backend that finds the hits.
+    pub backend: Backend,
     /// Additional seconds of the first frame of a scene, for loading and building.
     pub setup_seconds: f64,
     /// Bytes of the frame and its scene.
@@ -72,6 +75,7 @@ fn probe_frame(
     Ok(FrameCost {
         probe,
         settings,
+        backend: plan.request.for_output(&loaded.file.output).backend(),
         setup_seconds: loaded.seconds + stage.build_seconds,
         bytes: kept.bytes() + bytes.loaded + bytes.to_come + film,
     })

@@ -45,7 +45,7 @@ pub(crate) struct FrameResult {
 /// State of a frame that is being rendered.
 pub(super) struct FrameTask<'a> {
     plan: &'a PlannedFrame,
-    request: &'a RenderRequest,
+    request: RenderRequest,
     resolved: ResolvedSettings,
     stage: &'a BuiltScene<'a>,
     camera: Camera,
@@ -121,7 +121,7 @@ impl<'a> FrameTask<'a> {
         monitor: Monitor<'a>,
     ) -> Result<FrameTask<'a>, BatchError> {
         let plan = task.plan;
-        let request = &*plan.request;
+        let request = plan.request.for_output(&stage.loaded.file.output);
         let mut resolved = request.resolved(&stage.loaded.file.output)?;
         let size = [resolved.settings.width, resolved.settings.height];
         (observer.event)(plan, FrameEvent::Sized(size));
@@ -133,7 +133,7 @@ impl<'a> FrameTask<'a> {
         let effects = EffectPlan::new(&stage.scene, &camera, &resolved.settings.effects);
         let embree = stage.accel.report().embree;
         let mut notes = Notes::of(
-            (request, &resolved),
+            (&request, &resolved),
             (&stage.scene, &camera),
             embree.as_ref(),
             &effects,
@@ -176,7 +176,8 @@ impl<'a> FrameTask<'a> {
 
     /// Renders the whole image at once, from the last checkpoint if there is one; returns the samples per pixel.
     fn render_at_once(&mut self) -> Result<f64, BatchError> {
-        let (stage, request, resolved, monitor) = (self.stage, self.request, self.resolved, self.monitor);
+        let (stage, request, resolved, monitor) =
+            (self.stage, self.request.clone(), self.resolved, self.monitor);
         let camera = self.camera.clone();
         let projected = self.projected_accel();
         // Costs of pixels are not part of a checkpoint, so such images cannot be resumed.
@@ -216,7 +217,7 @@ impl<'a> FrameTask<'a> {
         };
         self.keep(
             0..resolved.settings.height,
-            planes_of_rendering(request, &rendering),
+            planes_of_rendering(&request, &rendering),
         );
         self.ledger += rendering.ledger;
         Ok(rendering.samples.mean)
@@ -299,7 +300,7 @@ impl<'a> FrameTask<'a> {
         let count = self.plan.frame.settings.shares;
         if count == 1 {
             let rendering = parts.region(&region, &monitor)?;
-            let planes = planes_of_rendering(self.request, &rendering);
+            let planes = planes_of_rendering(&self.request, &rendering);
             self.ledger += rendering.ledger;
             return Ok(planes);
         }

@@ -20,7 +20,7 @@ impl BatchForecast<'_> {
     /// Returns the planned frames with their costs and their seconds of rendering.
     fn frames(&self) -> impl Iterator<Item = (&PlannedFrame, &FrameCost, f64)> {
         self.plans.iter().zip(&self.costs).map(|(plan, cost)| {
-            let forecast = Forecast::of(&cost.probe, &cost.settings, plan.request.backend());
+            let forecast = Forecast::of(&cost.probe, &cost.settings, cost.backend);
             // Costs are processor times, divided evenly among the threads here
             (plan, cost, forecast.seconds / self.threads as f64)
         })

@@ -196,7 +196,9 @@ impl<'a> March<'a> {
         // Use the closed form where incident radiance is constant
         if !COLORED || progress.light.is_none() || fog.extinction() == 0.0 {
             let length = (to - from) * unit;
-            fog.pass(length, &mut progress.composite);
+            if COLORED {
+                fog.pass(length, &mut progress.composite);
+            }
             progress.depth.add(fog.depth(length));
             return progress.flow(self.cutoff_depth);
         }

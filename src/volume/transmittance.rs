@@ -54,8 +54,18 @@ impl<'a> March<'a> {
             sample_count: 0,
         };
         let through_more = match self.fog {
-            Some(_) => u16::MAX,
             None => sum_depths(&mut depths, self.volumes, self.skip, segments),
+            Some(fog) if self.volumes.is_empty() => {
+                for (sum, segment) in depths.sums.iter_mut().zip(segments) {
+                    // Add the closed form; a segment without length has no depth
+                    if segment.t_near < segment.t_far {
+                        let length = (segment.t_far - segment.t_near) * segment.direction.length();
+                        sum.add(fog.depth(length));
+                    }
+                }
+                0
+            }
+            Some(_) => u16::MAX,
         };
         // March the rest one by one: rays through fog or several volumes
         for (l, segment) in segments.iter().enumerate() {

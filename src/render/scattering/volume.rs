@@ -13,6 +13,7 @@
 use std::f64::consts::PI;
 
 use glam::DVec3;
+use multiversion::multiversion;
 
 use super::super::aov::LightSource;
 use super::super::context::RenderContext;
@@ -267,6 +268,10 @@ impl LightSampler<'_, '_, '_> {
 
 /// Fills the shadow-ray packet from `points` to a punctual light, and the unoccluded radiance scattered towards the
 /// ray origin. Returns whether any lane is active.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
 fn sample_light(
     light: &Light,
     points: &PointLanes,
@@ -290,24 +295,28 @@ fn sample_light(
         }
         packet.active[l] = -i32::from(largest > 0.0);
         any |= packet.active[l];
-        // Aim the shadow ray from the f32 origin
         for axis in 0..3 {
-            let origin = points.points[axis][l] as f32;
-            packet.origin[axis][l] = origin;
-            packet.direction[axis][l] = match light.kind {
-                LightKind::Directional { .. } => arriving.wi[axis][l],
-                LightKind::Point { position, .. } | LightKind::Spot { position, .. } => {
-                    (position[axis] - f64::from(origin)) as f32
-                }
-                // Area lights are sampled point by point.
-                LightKind::Area { .. } => 0.0,
-            };
+            packet.origin[axis][l] = points.points[axis][l] as f32;
         }
-        packet.t_far[l] = match light.kind {
-            LightKind::Directional { .. } => f32::INFINITY,
-            // The light is at t = 1 exactly.
-            LightKind::Point { .. } | LightKind::Spot { .. } | LightKind::Area { .. } => 1.0,
-        };
+    }
+    // Aim the shadow rays from the f32 origins
+    match light.kind {
+        LightKind::Directional { .. } => {
+            packet.direction = arriving.wi;
+            packet.t_far = [f32::INFINITY; LANES];
+        }
+        // The light is at t = 1 exactly
+        LightKind::Point { position, .. } | LightKind::Spot { position, .. } => {
+            for axis in 0..3 {
+                for l in 0..LANES {
+                    let offset = position[axis] - f64::from(packet.origin[axis][l]);
+                    packet.direction[axis][l] = offset as f32;
+                }
+            }
+            packet.t_far = [1.0; LANES];
+        }
+        // Area lights are sampled point by point
+        LightKind::Area { .. } => return false,
     }
     any != 0
 }

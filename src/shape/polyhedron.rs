@@ -9,7 +9,7 @@ use glam::{DMat3, DVec3};
 
 use super::parametrization::tangents;
 use super::span::{Crossings, Span, nearest, report};
-use super::{Implicit, OriginSurface, ShapeHit, ShapePoint, ShapeRay, Side};
+use super::{Implicit, OriginSurface, ShapeHit, ShapePoint, ShapeRay, Side, SurfacePoint};
 use crate::numeric::Bounds;
 
 /// Half-space of the points with `n · x <= h`.
@@ -324,11 +324,17 @@ impl Implicit for Polyhedron {
     }
 
     fn point(&self, p: DVec3, part: u32) -> ShapePoint {
+        let surface = self.surface(p, part);
+        let [s, t] = tangents(surface.n);
+        surface.parametrized([surface.p.dot(s), surface.p.dot(t)], [s, t])
+    }
+
+    #[inline]
+    fn surface(&self, p: DVec3, part: u32) -> SurfacePoint {
         let last = self.half_spaces.len() - 1;
         let face = self.half_spaces[(part as usize).min(last)];
         let p = p - face.excess(p) * face.n;
-        let [s, t] = tangents(face.n);
-        ShapePoint::new(p, face.n, [p.dot(s), p.dot(t)], [s, t], self.bounds.magnitude())
+        SurfacePoint::new(p, face.n, self.bounds.magnitude())
     }
 
     #[inline]

@@ -35,7 +35,7 @@ pub use cone::Cone;
 pub use cube::Cube;
 pub use cylinder::Cylinder;
 pub use disk::Disk;
-pub(crate) use hit_packet::{ObjectHitPacket, refined_parameter, set_vector, vector};
+pub(crate) use hit_packet::{ObjectHitPacket, refined_parameter, set_masked, set_vector, vector};
 pub(crate) use parametrization::tangents;
 pub use plane::Plane;
 pub use polyhedron::{HalfSpace, Polyhedron, PolyhedronError};

@@ -15,7 +15,7 @@ use super::super::settings::{HitPoint, RenderSettings};
 use super::cone_source::ConeSource;
 use super::instance_view::{InstanceView, InteractionKind, needs_uv_frames};
 use super::packet::{SurfacePacket, lane};
-use super::placed_packet::{PlacedHits, compute_placed_hits};
+use super::placed_packet::{PlacedHits, ViewedInstances, compute_placed_hits};
 use super::texture_eval::{TextureLanes, TexturedHits, evaluate_textures};
 use super::vertex_fetch::FetchedVertices;
 use crate::accel::{NO_HIT, RayPacket};
@@ -195,10 +195,12 @@ impl<'s> SurfaceScene<'s> {
         }
         // Compute lanes of analytic shapes and transformed instances
         if gathered.needs_scalar_path {
-            let only = common
-                .instance
-                .and_then(|instance| self.scene.instances.get(instance as usize));
-            compute_placed_hits(self, (packet, gathered), only, placed, points);
+            let scene = ViewedInstances {
+                instances: &self.scene.instances,
+                views: &self.views,
+                only: common.instance.filter(|_| only.is_some()),
+            };
+            compute_placed_hits(&scene, (packet, gathered), placed, points);
         }
         // Apply the hit-point rule and compute ray origins
         if self.hit_points == HitPoint::Reported {

@@ -40,6 +40,7 @@ impl HitErrorBound {
     }
 
     /// Returns the error bound of a point known to f64 accuracy: only its own rounding to f32 remains.
+    #[inline(always)]
     pub(crate) fn of_exact_point(p: DVec3) -> HitErrorBound {
         HitErrorBound(VERTEX_ERROR * p.abs())
     }

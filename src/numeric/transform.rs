@@ -128,6 +128,7 @@ pub fn object_ray(object_from_world: &DAffine3, ray: &Ray) -> Ray {
 ///
 /// For a normal defined by an outside (a sphere's) this is correct under mirroring, too; a normal defined by winding (a
 /// triangle's) must be flipped by the caller when the map mirrors.
+#[inline(always)]
 pub fn transform_normal(target_from_source: &DMat3, n: DVec3) -> DVec3 {
     let cofactors = cofactor_matrix(*target_from_source);
     let sign = target_from_source.x_axis.dot(cofactors.x_axis).signum();
@@ -135,6 +136,7 @@ pub fn transform_normal(target_from_source: &DMat3, n: DVec3) -> DVec3 {
 }
 
 /// Returns the matrix of cofactors, which is `det(M) M⁻ᵀ` and exists for every `M`.
+#[inline(always)]
 fn cofactor_matrix(m: DMat3) -> DMat3 {
     DMat3::from_cols(
         m.y_axis.cross(m.z_axis),

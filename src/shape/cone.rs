@@ -9,10 +9,10 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 
-use super::disk::flat_point;
+use super::disk::{flat_point, flat_surface};
 use super::parametrization::{nearest_to_origin, polar, unit_angle};
-use super::span::{Crossings, Span, crossings_of_wall, nearest, report};
-use super::{Implicit, OriginSurface, ShapeHit, ShapePoint, ShapeRay, Side};
+use super::span::{Crossings, Span, TwoHits, crossings_of_wall, nearest, report};
+use super::{Implicit, OriginSurface, ShapeHit, ShapePoint, ShapeRay, Side, SurfacePoint};
 use crate::numeric::Bounds;
 use crate::numeric::roots::quadratic_roots;
 
@@ -32,8 +32,7 @@ const WALL: u32 = 0;
 /// Part number of the base.
 const BASE: u32 = 1;
 
-impl Cone {
-    /// Returns both hits of the ray.
+impl TwoHits for Cone {
     #[inline(always)]
     fn intersections(&self, ray: &ShapeRay) -> Crossings {
         let wall = wall_span(ray);
@@ -114,6 +113,22 @@ impl Implicit for Cone {
         if part == BASE {
             return flat_point(p, -1.0, -DVec3::Z);
         }
+        let (_, cos, sin) = polar(p);
+        let surface = self.surface(p, part);
+        let z = surface.p.z;
+        let uv = [unit_angle(cos, sin), 0.5 * (z + 1.0)];
+        let tangents = [
+            TAU * (0.5 * (1.0 - z)) * DVec3::new(-sin, cos, 0.0),
+            DVec3::new(-cos, -sin, 2.0),
+        ];
+        surface.parametrized(uv, tangents)
+    }
+
+    #[inline]
+    fn surface(&self, p: DVec3, part: u32) -> SurfacePoint {
+        if part == BASE {
+            return flat_surface(p, -1.0, -DVec3::Z);
+        }
         let (rho, cos, sin) = polar(p);
         // Subtract the distance from the generator along its normal (2, 1) / √5.
         let excess = (2.0 * rho + p.z - 1.0) / 5.0;
@@ -124,12 +139,7 @@ impl Implicit for Cone {
         } else {
             DVec3::new(2.0 * cos, 2.0 * sin, 1.0) / 5f64.sqrt()
         };
-        let uv = [unit_angle(cos, sin), 0.5 * (z + 1.0)];
-        let tangents = [
-            TAU * radius * DVec3::new(-sin, cos, 0.0),
-            DVec3::new(-cos, -sin, 2.0),
-        ];
-        ShapePoint::new(DVec3::new(radius * cos, radius * sin, z), n, uv, tangents, 1.0)
+        SurfacePoint::new(DVec3::new(radius * cos, radius * sin, z), n, 1.0)
     }
 
     #[inline]

@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 
-use super::span::{Crossings, Span, UNIT, nearest, report};
-use super::{Implicit, ShapeHit, ShapePoint, ShapeRay};
+use super::span::{Crossings, Span, TwoHits, UNIT, nearest, report};
+use super::{Implicit, ShapeHit, ShapePoint, ShapeRay, SurfacePoint};
 use crate::numeric::Bounds;
 
 /// Axis-aligned cube [-1, 1]³. Part `2 axis` is the face at -1 of that axis, `2 axis + 1` the face at +1; the surface
@@ -11,16 +11,23 @@ use crate::numeric::Bounds;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cube;
 
-impl Cube {
+impl TwoHits for Cube {
     /// Returns both hits of the ray by the overlap of three slabs.
     #[inline(always)]
-    fn intersections(ray: &ShapeRay) -> Crossings {
+    fn intersections(&self, ray: &ShapeRay) -> Crossings {
         let (o, d) = (ray.origin, ray.direction);
         Span::slab(o.x, d.x, UNIT, [0, 1])
             .overlap(Span::slab(o.y, d.y, UNIT, [2, 3]))
             .overlap(Span::slab(o.z, d.z, UNIT, [4, 5]))
             .crossings_of_convex(ray, false)
     }
+}
+
+/// Returns the axis and the side, -1 or 1, of the face `part`.
+#[inline(always)]
+fn face(part: u32) -> (usize, f64) {
+    let side = if part & 1 == 0 { -1.0 } else { 1.0 };
+    ((part / 2).min(2) as usize, side)
 }
 
 impl Implicit for Cube {
@@ -34,22 +41,36 @@ impl Implicit for Cube {
 
     #[inline]
     fn intersect(&self, ray: &ShapeRay) -> Option<ShapeHit> {
-        nearest(ray, Cube::intersections(ray))
+        nearest(ray, self.intersections(ray))
     }
 
     fn crossings(&self, ray: &ShapeRay, out: &mut dyn FnMut(ShapeHit)) {
-        report(ray, Cube::intersections(ray), out);
+        report(ray, self.intersections(ray), out);
     }
 
     fn point(&self, p: DVec3, part: u32) -> ShapePoint {
-        let axis = (part as usize / 2).min(2);
-        let side = if part & 1 == 0 { -1.0 } else { 1.0 };
+        let (axis, side) = face(part);
         let (right, up) = ((axis + 1) % 3, (axis + 2) % 3);
-        let mut p = p.clamp(-DVec3::ONE, DVec3::ONE);
-        p[axis] = side;
+        let surface = self.surface(p, part);
+        let p = surface.p;
         let uv = [0.5 * (side * p[right] + 1.0), 0.5 * (p[up] + 1.0)];
         let tangents = [2.0 * side * DVec3::AXES[right], 2.0 * DVec3::AXES[up]];
-        ShapePoint::new(p, side * DVec3::AXES[axis], uv, tangents, 1.0)
+        surface.parametrized(uv, tangents)
+    }
+
+    #[inline(always)]
+    fn surface(&self, p: DVec3, part: u32) -> SurfacePoint {
+        // Select by comparisons, which loops over lanes vectorise, rather than by an index
+        let (axis, side) = face(part);
+        let (x, y, z) = (axis == 0, axis == 1, axis == 2);
+        let p = p.clamp(-DVec3::ONE, DVec3::ONE);
+        let p = DVec3::new(
+            if x { side } else { p.x },
+            if y { side } else { p.y },
+            if z { side } else { p.z },
+        );
+        let unit = |is_axis: bool| if is_axis { 1.0 } else { 0.0 };
+        SurfacePoint::new(p, side * DVec3::new(unit(x), unit(y), unit(z)), 1.0)
     }
 
     #[inline]

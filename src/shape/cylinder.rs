@@ -7,10 +7,10 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 
-use super::disk::flat_point;
+use super::disk::{flat_point, flat_surface};
 use super::parametrization::{polar, unit_angle};
-use super::span::{Crossings, Span, UNIT, crossings_of_wall, nearest, report};
-use super::{Implicit, ShapeHit, ShapePoint, ShapeRay};
+use super::span::{Crossings, Span, TwoHits, UNIT, crossings_of_wall, nearest, report};
+use super::{Implicit, ShapeHit, ShapePoint, ShapeRay, SurfacePoint};
 use crate::numeric::Bounds;
 use crate::numeric::roots::quadratic_roots;
 
@@ -33,8 +33,7 @@ const TOP: u32 = 1;
 /// Part number of the lower cap.
 const BOTTOM: u32 = 2;
 
-impl Cylinder {
-    /// Returns both hits of the ray.
+impl TwoHits for Cylinder {
     #[inline(always)]
     fn intersections(&self, ray: &ShapeRay) -> Crossings {
         let wall = wall_span(ray);
@@ -98,12 +97,23 @@ impl Implicit for Cylinder {
             BOTTOM => return flat_point(p, -1.0, -DVec3::Z),
             _ => {}
         }
-        let (_, cos, sin) = polar(p);
-        let z = p.z.clamp(-1.0, 1.0);
+        let surface = self.surface(p, part);
+        let DVec3 { x: cos, y: sin, z } = surface.p;
         let uv = [unit_angle(cos, sin), 0.5 * (z + 1.0)];
-        let n = DVec3::new(cos, sin, 0.0);
         let tangents = [TAU * DVec3::new(-sin, cos, 0.0), 2.0 * DVec3::Z];
-        ShapePoint::new(DVec3::new(cos, sin, z), n, uv, tangents, 1.0)
+        surface.parametrized(uv, tangents)
+    }
+
+    #[inline]
+    fn surface(&self, p: DVec3, part: u32) -> SurfacePoint {
+        match part {
+            TOP => return flat_surface(p, 1.0, DVec3::Z),
+            BOTTOM => return flat_surface(p, -1.0, -DVec3::Z),
+            _ => {}
+        }
+        let (_, cos, sin) = polar(p);
+        let p = DVec3::new(cos, sin, p.z.clamp(-1.0, 1.0));
+        SurfacePoint::new(p, DVec3::new(cos, sin, 0.0), 1.0)
     }
 
     #[inline]

@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 
-use super::span::{NO_HIT, nearest, report};
-use super::{Implicit, ShapeHit, ShapePoint, ShapeRay, plane};
+use super::span::{Crossings, NO_HIT, TwoHits, nearest, report};
+use super::{Implicit, ShapeHit, ShapePoint, ShapeRay, SurfacePoint, plane};
 use crate::numeric::Bounds;
 
 /// Unit disk in the plane z = 0. Its positive side is +z; its surface coordinates are those of the square around it, (x
@@ -11,13 +11,14 @@ use crate::numeric::Bounds;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Disk;
 
-impl Disk {
+impl TwoHits for Disk {
     /// Returns the hit of the ray on the disk.
     #[inline(always)]
-    fn crossing(ray: &ShapeRay) -> ShapeHit {
+    fn intersections(&self, ray: &ShapeRay) -> Crossings {
         let hit = plane::crossing(ray);
         let p = ray.at(hit.t);
-        if p.x * p.x + p.y * p.y <= 1.0 { hit } else { NO_HIT }
+        let is_inside = p.x * p.x + p.y * p.y <= 1.0;
+        [if is_inside { hit } else { NO_HIT }, NO_HIT]
     }
 }
 
@@ -32,15 +33,20 @@ impl Implicit for Disk {
 
     #[inline]
     fn intersect(&self, ray: &ShapeRay) -> Option<ShapeHit> {
-        nearest(ray, [Disk::crossing(ray), NO_HIT])
+        nearest(ray, self.intersections(ray))
     }
 
     fn crossings(&self, ray: &ShapeRay, out: &mut dyn FnMut(ShapeHit)) {
-        report(ray, [Disk::crossing(ray), NO_HIT], out);
+        report(ray, self.intersections(ray), out);
     }
 
     fn point(&self, p: DVec3, _part: u32) -> ShapePoint {
         flat_point(p, 0.0, DVec3::Z)
+    }
+
+    #[inline(always)]
+    fn surface(&self, p: DVec3, _part: u32) -> SurfacePoint {
+        flat_surface(p, 0.0, DVec3::Z)
     }
 }
 
@@ -48,10 +54,15 @@ impl Implicit for Disk {
 /// increases to the right and v upwards.
 #[inline]
 pub(super) fn flat_point(p: DVec3, z: f64, n: DVec3) -> ShapePoint {
-    let p = DVec3::new(p.x, p.y, z);
     let uv = [0.5 * (n.z * p.x + 1.0), 0.5 * (p.y + 1.0)];
     let tangents = [2.0 * n.z * DVec3::X, 2.0 * DVec3::Y];
-    ShapePoint::new(p, n, uv, tangents, 1.0)
+    flat_surface(p, z, n).parametrized(uv, tangents)
+}
+
+/// Returns position and normal of [`flat_point`].
+#[inline(always)]
+pub(super) fn flat_surface(p: DVec3, z: f64, n: DVec3) -> SurfacePoint {
+    SurfacePoint::new(DVec3::new(p.x, p.y, z), n, 1.0)
 }
 
 #[cfg(test)]

@@ -12,6 +12,7 @@ mod cone;
 mod cube;
 mod cylinder;
 mod disk;
+mod hit_packet;
 pub(crate) mod oracle;
 mod parametrization;
 mod plane;
@@ -34,6 +35,7 @@ pub use cone::Cone;
 pub use cube::Cube;
 pub use cylinder::Cylinder;
 pub use disk::Disk;
+pub(crate) use hit_packet::{ObjectHitPacket, refined_parameter, set_masked, set_vector, vector};
 pub(crate) use parametrization::tangents;
 pub use plane::Plane;
 pub use polyhedron::{HalfSpace, Polyhedron, PolyhedronError};
@@ -125,6 +127,17 @@ pub struct ShapeHit {
     pub part: u32,
 }
 
+/// Position and normal of a surface point, in object space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfacePoint {
+    /// Position, projected onto the surface.
+    pub p: DVec3,
+    /// Outward unit normal, as in [`ShapePoint::n`].
+    pub n: DVec3,
+    /// Bound on the distance of `p`, rounded to f32, from the surface; the origins of spawned rays are offset by it.
+    pub error: HitErrorBound,
+}
+
 /// Surface point with the data that shading needs, in object space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShapePoint {
@@ -145,19 +158,29 @@ pub struct ShapePoint {
 /// Largest error of the f64 projection onto a surface of unit size: 8 roundings of 2^-53.
 const PROJECTION_ERROR: f64 = 8.0 / (1u64 << 53) as f64;
 
-impl ShapePoint {
+impl SurfacePoint {
     /// Creates a point with its error bound: rounding to f32, and the roundings of the projection relative to the
     /// larger of `size` and the coordinates.
     #[inline(always)]
-    fn new(p: DVec3, n: DVec3, uv: [f64; 2], [dpdu, dpdv]: [DVec3; 2], size: f64) -> ShapePoint {
+    fn new(p: DVec3, n: DVec3, size: f64) -> SurfacePoint {
         let projection = PROJECTION_ERROR * p.abs().max_element().max(size);
-        ShapePoint {
+        SurfacePoint {
             p,
             n,
+            error: HitErrorBound(HitErrorBound::of_exact_point(p).0 + DVec3::splat(projection)),
+        }
+    }
+
+    /// Returns the point with surface coordinates and the derivatives by them.
+    #[inline(always)]
+    fn parametrized(self, uv: [f64; 2], [dpdu, dpdv]: [DVec3; 2]) -> ShapePoint {
+        ShapePoint {
+            p: self.p,
+            n: self.n,
             uv,
             dpdu,
             dpdv,
-            error: HitErrorBound(HitErrorBound::of_exact_point(p).0 + DVec3::splat(projection)),
+            error: self.error,
         }
     }
 }
@@ -176,6 +199,13 @@ pub trait Implicit {
 
     /// Returns the surface point of `part` at `p`, which lies near the surface.
     fn point(&self, p: DVec3, part: u32) -> ShapePoint;
+
+    /// Returns position and normal of [`Implicit::point`], to identical bits.
+    #[inline]
+    fn surface(&self, p: DVec3, part: u32) -> SurfacePoint {
+        let ShapePoint { p, n, error, .. } = self.point(p, part);
+        SurfacePoint { p, n, error }
+    }
 
     /// Returns whether the surface encloses a volume; false for open surfaces.
     #[inline]
@@ -270,6 +300,11 @@ impl Implicit for Shape {
     #[inline]
     fn point(&self, p: DVec3, part: u32) -> ShapePoint {
         forward!(self, shape => shape.point(p, part))
+    }
+
+    #[inline]
+    fn surface(&self, p: DVec3, part: u32) -> SurfacePoint {
+        forward!(self, shape => shape.surface(p, part))
     }
 
     #[inline]

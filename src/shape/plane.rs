@@ -2,13 +2,20 @@
 
 use glam::DVec3;
 
-use super::span::{NO_HIT, nearest, report};
-use super::{Implicit, ShapeHit, ShapePoint, ShapeRay};
+use super::span::{Crossings, NO_HIT, TwoHits, nearest, report};
+use super::{Implicit, ShapeHit, ShapePoint, ShapeRay, SurfacePoint};
 use crate::numeric::Bounds;
 
 /// Unbounded plane z = 0; its positive side is +z, its surface coordinates are x and y.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plane;
+
+impl TwoHits for Plane {
+    #[inline(always)]
+    fn intersections(&self, ray: &ShapeRay) -> Crossings {
+        [crossing(ray), NO_HIT]
+    }
+}
 
 /// Returns the hit of the ray on z = 0. A ray within the plane misses, and one that starts on the plane does not
 /// return.
@@ -35,16 +42,21 @@ impl Implicit for Plane {
 
     #[inline]
     fn intersect(&self, ray: &ShapeRay) -> Option<ShapeHit> {
-        nearest(ray, [crossing(ray), NO_HIT])
+        nearest(ray, self.intersections(ray))
     }
 
     fn crossings(&self, ray: &ShapeRay, out: &mut dyn FnMut(ShapeHit)) {
-        report(ray, [crossing(ray), NO_HIT], out);
+        report(ray, self.intersections(ray), out);
     }
 
-    fn point(&self, p: DVec3, _part: u32) -> ShapePoint {
-        let p = DVec3::new(p.x, p.y, 0.0);
-        ShapePoint::new(p, DVec3::Z, [p.x, p.y], [DVec3::X, DVec3::Y], 1.0)
+    fn point(&self, p: DVec3, part: u32) -> ShapePoint {
+        self.surface(p, part)
+            .parametrized([p.x, p.y], [DVec3::X, DVec3::Y])
+    }
+
+    #[inline(always)]
+    fn surface(&self, p: DVec3, _part: u32) -> SurfacePoint {
+        SurfacePoint::new(DVec3::new(p.x, p.y, 0.0), DVec3::Z, 1.0)
     }
 }
 

@@ -9,7 +9,7 @@ use glam::{DMat3, DVec3};
 
 use super::parametrization::tangents;
 use super::span::{Crossings, Span, nearest, report};
-use super::{Implicit, OriginSurface, ShapeHit, ShapePoint, ShapeRay, Side};
+use super::{Implicit, OriginSurface, ShapeHit, ShapePoint, ShapeRay, Side, SurfacePoint};
 use crate::numeric::Bounds;
 
 /// Half-space of the points with `n · x <= h`.
@@ -26,6 +26,35 @@ impl HalfSpace {
     #[inline(always)]
     fn excess(&self, p: DVec3) -> f64 {
         self.n.dot(p) - self.h
+    }
+
+    /// Returns the part of `span` inside the half-space, whose number is `part`; the ray does not leave the part `own`,
+    /// on which it starts.
+    #[inline(always)]
+    pub(super) fn clip(&self, span: &Span, part: u32, ray: &ShapeRay, own: u32) -> Span {
+        let slope = self.n.dot(ray.direction);
+        let room = -self.excess(ray.origin);
+        let hit = ShapeHit {
+            t: room / slope,
+            part,
+        };
+        let is_own = part == own;
+        // An empty interval stays empty
+        if (slope == 0.0) & (room < 0.0) & !is_own {
+            return Span::NONE;
+        }
+        Span {
+            enter: if (slope < 0.0) & (hit.t > span.enter.t) {
+                hit
+            } else {
+                span.enter
+            },
+            exit: if (slope > 0.0) & (hit.t < span.exit.t) & !is_own {
+                hit
+            } else {
+                span.exit
+            },
+        }
     }
 }
 
@@ -172,21 +201,7 @@ impl Polyhedron {
         };
         // Clip the interval with every half-space
         for (part, half_space) in (0u32..).zip(&self.half_spaces) {
-            let slope = half_space.n.dot(ray.direction);
-            let room = -half_space.excess(ray.origin);
-            if slope > 0.0 {
-                let t = room / slope;
-                if t < span.exit.t && part != own {
-                    span.exit = ShapeHit { t, part };
-                }
-            } else if slope < 0.0 {
-                let t = room / slope;
-                if t > span.enter.t {
-                    span.enter = ShapeHit { t, part };
-                }
-            } else if room < 0.0 && part != own {
-                return Span::NONE.crossings_of_convex(ray, false);
-            }
+            span = half_space.clip(&span, part, ray, own);
         }
         span.crossings_of_convex(ray, false)
     }
@@ -324,11 +339,17 @@ impl Implicit for Polyhedron {
     }
 
     fn point(&self, p: DVec3, part: u32) -> ShapePoint {
+        let surface = self.surface(p, part);
+        let [s, t] = tangents(surface.n);
+        surface.parametrized([surface.p.dot(s), surface.p.dot(t)], [s, t])
+    }
+
+    #[inline]
+    fn surface(&self, p: DVec3, part: u32) -> SurfacePoint {
         let last = self.half_spaces.len() - 1;
         let face = self.half_spaces[(part as usize).min(last)];
         let p = p - face.excess(p) * face.n;
-        let [s, t] = tangents(face.n);
-        ShapePoint::new(p, face.n, [p.dot(s), p.dot(t)], [s, t], self.bounds.magnitude())
+        SurfacePoint::new(p, face.n, self.bounds.magnitude())
     }
 
     #[inline]

@@ -2,26 +2,23 @@
 
 use glam::DVec3;
 
-use super::disk::flat_point;
-use super::span::{NO_HIT, nearest, report};
-use super::{Implicit, ShapeHit, ShapePoint, ShapeRay, plane};
+use super::disk::{flat_point, flat_surface};
+use super::span::{Crossings, NO_HIT, TwoHits, nearest, report};
+use super::{Implicit, ShapeHit, ShapePoint, ShapeRay, SurfacePoint, plane};
 use crate::numeric::Bounds;
 
 /// Square [-1, 1]² in the plane z = 0. Its positive side is +z; its surface coordinates cover [0, 1]².
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quad;
 
-impl Quad {
+impl TwoHits for Quad {
     /// Returns the hit of the ray on the square, edges included.
     #[inline(always)]
-    fn crossing(ray: &ShapeRay) -> ShapeHit {
+    fn intersections(&self, ray: &ShapeRay) -> Crossings {
         let hit = plane::crossing(ray);
         let p = ray.at(hit.t);
-        if (p.x.abs() <= 1.0) & (p.y.abs() <= 1.0) {
-            hit
-        } else {
-            NO_HIT
-        }
+        let is_inside = (p.x.abs() <= 1.0) & (p.y.abs() <= 1.0);
+        [if is_inside { hit } else { NO_HIT }, NO_HIT]
     }
 }
 
@@ -36,15 +33,20 @@ impl Implicit for Quad {
 
     #[inline]
     fn intersect(&self, ray: &ShapeRay) -> Option<ShapeHit> {
-        nearest(ray, [Quad::crossing(ray), NO_HIT])
+        nearest(ray, self.intersections(ray))
     }
 
     fn crossings(&self, ray: &ShapeRay, out: &mut dyn FnMut(ShapeHit)) {
-        report(ray, [Quad::crossing(ray), NO_HIT], out);
+        report(ray, self.intersections(ray), out);
     }
 
     fn point(&self, p: DVec3, _part: u32) -> ShapePoint {
         flat_point(p, 0.0, DVec3::Z)
+    }
+
+    #[inline(always)]
+    fn surface(&self, p: DVec3, _part: u32) -> SurfacePoint {
+        flat_surface(p, 0.0, DVec3::Z)
     }
 }
 

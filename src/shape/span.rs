@@ -4,7 +4,7 @@
 //! Comparisons are closed (≤) and nothing is compared with an epsilon, so a ray in a face, through an edge or through a
 //! vertex has one definite result that is consistent for all adjacent parts.
 
-use super::{OriginSurface, ShapeHit, ShapeRay, Side};
+use super::{Implicit, OriginSurface, ShapeHit, ShapeRay, Side};
 
 /// Range [-1, 1] of most shapes along most axes.
 pub(super) const UNIT: [f64; 2] = [-1.0, 1.0];
@@ -135,6 +135,12 @@ pub(super) fn crossings_of_wall(wall: &Span, clip: &Span, ray: &ShapeRay) -> Cro
         }) if wall.exit.t > 0.0 => [NO_HIT, cut(wall.exit)],
         _ => NO_HITS,
     }
+}
+
+/// Surface that a line hits twice at most.
+pub(super) trait TwoHits: Implicit {
+    /// Returns the hits of the ray.
+    fn intersections(&self, ray: &ShapeRay) -> Crossings;
 }
 
 /// Up to two hits in ascending `t`; a missing hit has `t` NaN.

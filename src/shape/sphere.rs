@@ -11,7 +11,7 @@ use glam::DVec3;
 
 use super::parametrization::{nearest_to_origin, polar, unit_angle};
 use super::span::{Crossings, Span, nearest, report};
-use super::{Implicit, ShapeHit, ShapePoint, ShapeRay};
+use super::{Implicit, ShapeHit, ShapePoint, ShapeRay, SurfacePoint};
 use crate::numeric::roots::quadratic_roots;
 use crate::numeric::{Bounds, DoubleDouble};
 
@@ -63,7 +63,7 @@ impl Sphere {
     /// Computes the roots in f64, without branches. Also returns whether the ray is too close to the sphere for f64:
     /// see [`CLOSE`].
     #[inline(always)]
-    fn roots_f64(&self, origin: [f64; 3], direction: [f64; 3]) -> ([f64; 2], bool) {
+    pub(super) fn roots_f64(&self, origin: [f64; 3], direction: [f64; 3]) -> ([f64; 2], bool) {
         let direction = DVec3::from_array(direction);
         let f = DVec3::from_array(origin) - self.center;
         let a = direction.length_squared();
@@ -83,7 +83,7 @@ impl Sphere {
     /// cancel.
     #[cold]
     #[inline(never)]
-    fn roots_double_double(&self, origin: DVec3, direction: DVec3) -> [f64; 2] {
+    pub(super) fn roots_double_double(&self, origin: DVec3, direction: DVec3) -> [f64; 2] {
         // Form the quadratic in double-double precision
         let f = [0, 1, 2].map(|k| DoubleDouble::of(origin[k]) - DoubleDouble::of(self.center[k]));
         let d = direction.to_array().map(DoubleDouble::of);
@@ -192,6 +192,7 @@ impl Sphere {
     }
 
     /// Returns the outward unit normal at a point on the surface.
+    #[inline(always)]
     pub fn normal(&self, p: DVec3) -> DVec3 {
         (p - self.center).normalize_or_zero()
     }
@@ -244,12 +245,19 @@ impl Implicit for Sphere {
     /// `v` the latitude from the south pole (-z) at 0 to the north pole at 1. At the poles `u` is 0 and `dpdu`
     /// vanishes.
     fn point(&self, p: DVec3, _part: u32) -> ShapePoint {
-        let n = self.normal(p);
+        let surface = self.surface(p, 0);
+        let n = surface.n;
         let (rho, cos, sin) = polar(n);
         let uv = [unit_angle(n.x, n.y), rho.atan2(-n.z) / PI];
         let dpdu = TAU * self.radius * rho * DVec3::new(-sin, cos, 0.0);
         let dpdv = PI * self.radius * DVec3::new(-n.z * cos, -n.z * sin, rho);
-        ShapePoint::new(self.center + self.radius * n, n, uv, [dpdu, dpdv], self.radius)
+        surface.parametrized(uv, [dpdu, dpdv])
+    }
+
+    #[inline(always)]
+    fn surface(&self, p: DVec3, _part: u32) -> SurfacePoint {
+        let n = self.normal(p);
+        SurfacePoint::new(self.center + self.radius * n, n, self.radius)
     }
 
     #[inline]

@@ -11,7 +11,7 @@ use std::f64::consts::TAU;
 use glam::DVec3;
 
 use super::parametrization::{nearest_to_origin, polar, unit_angle};
-use super::{Implicit, ShapeHit, ShapePoint, ShapeRay, Side};
+use super::{Implicit, ShapeHit, ShapePoint, ShapeRay, Side, SurfacePoint};
 use crate::numeric::Bounds;
 use crate::numeric::roots::{cubic_sign_changes, quartic_sign_changes};
 
@@ -203,13 +203,8 @@ impl Implicit for Torus {
         let dpdu = TAU * rho * DVec3::new(-sin, cos, 0.0);
         let dpdv = TAU * r * DVec3::new(-up * cos, -up * sin, out);
         let p = DVec3::new(rho * cos, rho * sin, r * up);
-        ShapePoint::new(
-            p,
-            n,
-            [unit_angle(cos, sin), unit_angle(out, up)],
-            [dpdu, dpdv],
-            1.0,
-        )
+        let uv = [unit_angle(cos, sin), unit_angle(out, up)];
+        SurfacePoint::new(p, n, 1.0).parametrized(uv, [dpdu, dpdv])
     }
 
     #[inline]

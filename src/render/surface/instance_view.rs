@@ -3,11 +3,15 @@
 use std::sync::Arc;
 
 use super::packet::SurfacePacket;
+use super::shape_hit::shape_frame;
 use super::uv_frame::UvFrame;
 use super::vertex_fetch::MeshView;
 use crate::accel::RayPacket;
 use crate::mesh::PointCloud;
-use crate::scene::{Effect, EffectSet, Geometry, InstanceTransform};
+use crate::scene::{
+    Effect, EffectSet, Geometry, InstanceTransform, Material, MaterialInput, Procedural, Scene, Space,
+    Texture,
+};
 use crate::shape::Shape;
 
 /// Data of one instance that hits on it need.
@@ -19,6 +23,8 @@ pub(in crate::render) struct InstanceView<'s> {
     pub(in crate::render) uniform: bool,
     /// True if object space differs from world space.
     pub(super) is_placed: bool,
+    /// True if texture coordinates of analytic shapes are stored with each hit, because the material uses them.
+    pub(super) needs_uv_frames: bool,
 }
 
 /// Geometry of an instance.
@@ -52,7 +58,7 @@ impl InstanceView<'_> {
         (packet, points): (&RayPacket, &SurfacePacket),
         l: usize,
     ) -> UvFrame {
-        // Interpolate mesh coordinates; those of shapes are known since the hit was computed
+        // Interpolate mesh coordinates; those of shapes are stored if the material uses them, and else computed
         match &self.kind {
             InteractionKind::Mesh(mesh) => match mesh.tex_coords.get(set as usize) {
                 Some(set) => {
@@ -64,7 +70,12 @@ impl InstanceView<'_> {
                 }
                 None => UvFrame::ZERO,
             },
-            InteractionKind::Shape(_) | InteractionKind::Points(_) => points.shape_frames[l],
+            _ if self.needs_uv_frames => points.shape_frames[l],
+            InteractionKind::Shape(shape) => shape_frame(pose, shape, &packet.ray(l), packet.primitive[l]),
+            InteractionKind::Points(points) => {
+                // A sphere has one part
+                shape_frame(pose, &points.cloud.shape(packet.primitive[l]), &packet.ray(l), 0)
+            }
         }
     }
 
@@ -84,7 +95,7 @@ impl InstanceView<'_> {
     /// Returns whether hits are on analytic shapes, such as the spheres of points.
     #[inline(always)]
     pub(super) fn is_shape(&self) -> bool {
-        matches!(self.kind, InteractionKind::Shape(_) | InteractionKind::Points(_))
+        self.kind.is_shape()
     }
 
     /// Returns the interpolated mesh tangent at a hit, in object space, with its handedness.
@@ -108,7 +119,32 @@ impl InstanceView<'_> {
     }
 }
 
+/// Returns whether textures of `material` are looked up by texture coordinates or perturb normals along them. Patterns
+/// in object space are not.
+pub(super) fn needs_uv_frames(material: &Material, scene: &Scene, effects: EffectSet) -> bool {
+    material.layers.iter().any(|layer| {
+        let is_carved = matches!(
+            scene.textures.get(layer.texture.texture as usize),
+            Some(Texture::Procedural(Procedural {
+                space: Space::Object,
+                ..
+            }))
+        );
+        let turns_normals = matches!(
+            layer.parameter,
+            MaterialInput::Bump | MaterialInput::Normal | MaterialInput::ClearcoatNormal
+        );
+        effects.has(layer.effect()) && (turns_normals || !is_carved)
+    })
+}
+
 impl<'s> InteractionKind<'s> {
+    /// Returns whether hits are on analytic shapes, such as the spheres of points.
+    #[inline(always)]
+    pub(super) fn is_shape(&self) -> bool {
+        matches!(self, InteractionKind::Shape(_) | InteractionKind::Points(_))
+    }
+
     /// Returns whether the vertices or points have colours that the effects need.
     pub(super) fn has_colors(&self) -> bool {
         match self {

@@ -13,16 +13,16 @@ use super::super::plan::Plan;
 use super::super::profile::Moment;
 use super::super::settings::{HitPoint, RenderSettings};
 use super::cone_source::ConeSource;
-use super::instance_view::{InstanceView, InteractionKind};
+use super::instance_view::{InstanceView, InteractionKind, needs_uv_frames};
 use super::packet::{SurfacePacket, lane};
+use super::placed_packet::{PlacedHits, ViewedInstances, compute_placed_hits};
 use super::texture_eval::{TextureLanes, TexturedHits, evaluate_textures};
 use super::vertex_fetch::FetchedVertices;
-use super::world_hit::{world_shape, world_triangle};
 use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3, SpawnPolicy, triangle_spawn_bound};
 use crate::scene::{Effect, EffectSet, InstanceTransform, Material, Scene};
 use crate::shading::{MaterialPacket, TextureSet};
-use crate::shape::Shape;
+use crate::shape::{Shape, vector};
 
 /// Scene data needed to shade hits, with one entry per instance.
 pub(in crate::render) struct SurfaceScene<'s> {
@@ -43,6 +43,7 @@ pub(in crate::render) struct SurfaceScene<'s> {
 /// Working memory for the surface interactions of a packet, reused from packet to packet.
 pub(in crate::render) struct Surfaces {
     gathered: FetchedVertices,
+    placed: Box<PlacedHits>,
     /// Hit points and normals of the lanes.
     pub(in crate::render) points: SurfacePacket,
     /// Materials of the lanes, after textures and vertex colours.
@@ -79,10 +80,13 @@ impl<'s> SurfaceScene<'s> {
             let kind = kinds[instance.geometry as usize].clone();
             let is_oriented = effects.has(Effect::Anisotropy) && material.anisotropic().is_some();
             let colored = kind.has_colors();
+            let uniform = !(colored || is_oriented || varies(material) || everywhere);
+            let looks_up = is_oriented || needs_uv_frames(material, scene, effects);
             InstanceView {
+                needs_uv_frames: looks_up && kind.is_shape(),
                 kind,
                 material: instance.material,
-                uniform: !(colored || is_oriented || varies(material) || everywhere),
+                uniform,
                 is_placed: !instance.is_identity(),
             }
         });
@@ -148,6 +152,7 @@ impl<'s> SurfaceScene<'s> {
     fn compute_interactions_inlined(&self, packet: &RayPacket, widths: ConeSource, surfaces: &mut Surfaces) {
         let Surfaces {
             gathered,
+            placed,
             points,
             materials,
             filled_for,
@@ -161,6 +166,7 @@ impl<'s> SurfaceScene<'s> {
             .instance
             .and_then(|instance| self.views.get(instance as usize));
         gathered.needs_scalar_path = false;
+        gathered.has_world_triangles = only.is_some_and(|view| !view.needs_scalar_path());
         match only {
             Some(view) => match (&view.kind, common.primitive) {
                 (InteractionKind::Mesh(mesh), Some(primitive)) => {
@@ -179,15 +185,22 @@ impl<'s> SurfaceScene<'s> {
             None => self.gather_by_lane(packet, gathered),
         }
         points.offset = self.offset;
+        points.face_rays(packet);
         // Compute points and normals of world-space triangles; the rules are compiled separately, so that neither
         // pays for the other.
         match self.offset {
+            _ if !gathered.has_world_triangles => {}
             None => triangle_surfaces::<true>(packet, gathered, points),
             Some(_) => triangle_surfaces::<false>(packet, gathered, points),
         }
-        // Recompute lanes of analytic shapes and transformed instances
+        // Compute lanes of analytic shapes and transformed instances
         if gathered.needs_scalar_path {
-            self.recompute_scalar_lanes(packet, gathered, points);
+            let scene = ViewedInstances {
+                instances: &self.scene.instances,
+                views: &self.views,
+                only: common.instance.filter(|_| only.is_some()),
+            };
+            compute_placed_hits(&scene, (packet, gathered), placed, points);
         }
         // Apply the hit-point rule and compute ray origins
         if self.hit_points == HitPoint::Reported {
@@ -256,64 +269,10 @@ impl<'s> SurfaceScene<'s> {
             }
             let view = &self.views[packet.instance[l] as usize];
             gathered.needs_scalar_path |= view.needs_scalar_path();
+            gathered.has_world_triangles |= !view.needs_scalar_path();
             if let InteractionKind::Mesh(mesh) = &view.kind {
                 mesh.gather(packet, l, gathered);
             }
-        }
-    }
-
-    /// Recomputes the lanes that hit analytic shapes, points or transformed instances.
-    #[cold]
-    fn recompute_scalar_lanes(
-        &self,
-        packet: &RayPacket,
-        gathered: &FetchedVertices,
-        surfaces: &mut SurfacePacket,
-    ) {
-        for l in 0..LANES {
-            if packet.instance[l] == NO_HIT {
-                continue;
-            }
-            let view = &self.views[packet.instance[l] as usize];
-            let pose = self.pose(packet, l);
-            // Compute the hit in world space
-            let placed = match &view.kind {
-                InteractionKind::Mesh(_) if !view.is_placed => continue,
-                InteractionKind::Mesh(_) => world_triangle(packet, gathered, l, &pose),
-                InteractionKind::Shape(shape) => {
-                    let part = packet.primitive[l];
-                    let (hit, frame) = world_shape(&packet.ray(l), part, shape, &pose);
-                    surfaces.shape_frames[l] = frame;
-                    hit
-                }
-                InteractionKind::Points(points) => {
-                    // A sphere has one part
-                    let sphere = points.cloud.shape(packet.primitive[l]);
-                    let (hit, frame) = world_shape(&packet.ray(l), 0, &sphere, &pose);
-                    surfaces.shape_frames[l] = frame;
-                    hit
-                }
-            };
-            // Turn the normals to the side of the ray
-            let wo = lane(&surfaces.wo, l).as_dvec3();
-            let front = !(placed.ng.dot(wo) < 0.0);
-            let ng = if front { placed.ng } else { -placed.ng };
-            surfaces.front[l] = front;
-            surfaces.exact_normal[l] = ng;
-            let mut ns = placed.ns.unwrap_or(ng);
-            if ns.dot(ng) < 0.0 {
-                ns = -ns;
-            }
-            if !(ns.dot(wo) > 0.0) {
-                ns = ng;
-            }
-            // Store the lane
-            for axis in 0..3 {
-                surfaces.p[axis][l] = placed.p[axis];
-                surfaces.ng[axis][l] = ng[axis] as f32;
-                surfaces.ns[axis][l] = ns[axis] as f32;
-            }
-            surfaces.error[l] = placed.error.along(ng);
         }
     }
 
@@ -331,7 +290,7 @@ impl<'s> SurfaceScene<'s> {
             return shading;
         }
         if self.views[packet.instance[l] as usize].needs_scalar_path() {
-            return points.exact_normal[l];
+            return vector(&points.exact_normal, l);
         }
         // Compute the geometric normal of a flat world-space triangle in f64
         let [a, b, c] = std::array::from_fn(|corner| lane(&surfaces.gathered.corners[corner], l).as_dvec3());
@@ -410,6 +369,7 @@ impl Surfaces {
     pub(in crate::render) fn new(effects: EffectSet) -> Surfaces {
         Surfaces {
             gathered: FetchedVertices::new(),
+            placed: Box::new(PlacedHits::ZERO),
             points: SurfacePacket::new(),
             materials: MaterialPacket::of_effects(effects),
             filled_for: None,
@@ -503,18 +463,6 @@ fn triangle_surfaces<const BOUNDED: bool>(
 ) {
     let [a, b, c] = &gathered.corners;
     let [na, nb, nc] = &gathered.normals;
-    let d = &packet.direction;
-    // Find hit lanes and directions towards the ray origins
-    for l in 0..LANES {
-        surfaces.hit[l] = packet.instance[l] != NO_HIT;
-    }
-    for l in 0..LANES {
-        let length = (d[0][l] * d[0][l] + d[1][l] * d[1][l] + d[2][l] * d[2][l]).sqrt();
-        let scale = -1.0 / length;
-        for axis in 0..3 {
-            surfaces.wo[axis][l] = d[axis][l] * scale;
-        }
-    }
     // Compute points and unnormalized geometric normals in f64
     let mut across = [[0.0; LANES]; 3];
     for l in 0..LANES {

@@ -4,6 +4,7 @@ mod cone_source;
 mod instance_view;
 mod interaction;
 mod packet;
+mod placed_packet;
 mod shape_hit;
 mod spawn_probe;
 mod texel_inputs;
@@ -11,7 +12,6 @@ mod texture_eval;
 mod uv_frame;
 mod uv_packet;
 mod vertex_fetch;
-mod world_hit;
 
 pub use spawn_probe::{SpawnPoint, SpawnProbe};
 

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 
 use super::uv_frame::UvFrame;
-use crate::accel::RayPacket;
+use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3, offset_point, spawn_point};
 
 /// Sixteen surface interactions in world space, as structure of arrays. Lanes without a hit may hold any values,
@@ -15,8 +15,8 @@ pub(in crate::render) struct SurfacePacket {
     /// True if the ray came from the outside, the side of the front faces of triangles.
     pub(in crate::render) front: Lanes<bool>,
     /// Geometric normals to f64 accuracy on the side of the incident ray, for lanes other than world-space triangles.
-    pub(in crate::render) exact_normal: [DVec3; LANES],
-    /// Texture coordinates of the lanes that hit analytic shapes.
+    pub(in crate::render) exact_normal: Lanes3<f64>,
+    /// Texture coordinates of the lanes that hit analytic shapes, if the view of the instance needs them.
     pub(super) shape_frames: [UvFrame; LANES],
     /// Hit points in world space.
     pub(in crate::render) p: Lanes3<f64>,
@@ -41,7 +41,7 @@ impl SurfacePacket {
         SurfacePacket {
             hit: [false; LANES],
             front: [true; LANES],
-            exact_normal: [DVec3::ZERO; LANES],
+            exact_normal: [[0.0; LANES]; 3],
             shape_frames: [UvFrame::ZERO; LANES],
             p: [[0.0; LANES]; 3],
             ng: [[0.0; LANES]; 3],
@@ -81,6 +81,22 @@ impl SurfacePacket {
     /// Returns the bound on the distance between the hit point of lane `l` and the surface as seen by a traversal.
     pub(in crate::render) fn error(&self, l: usize) -> f64 {
         self.error[l]
+    }
+
+    /// Finds the lanes that hit something and the directions towards the origins of the rays.
+    #[inline(always)]
+    pub(super) fn face_rays(&mut self, packet: &RayPacket) {
+        let d = &packet.direction;
+        for l in 0..LANES {
+            self.hit[l] = packet.instance[l] != NO_HIT;
+        }
+        for l in 0..LANES {
+            let length = (d[0][l] * d[0][l] + d[1][l] * d[1][l] + d[2][l] * d[2][l]).sqrt();
+            let scale = -1.0 / length;
+            for axis in 0..3 {
+                self.wo[axis][l] = d[axis][l] * scale;
+            }
+        }
     }
 
     /// Sets all hit points to their reported f32 parameters along the rays.

@@ -1,11 +1,13 @@
-//! Hit points of analytic shapes in world space, in f64.
+//! Hit points of analytic shapes in world space, in f64, one by one: for texture coordinates that few hits need, and as
+//! the reference for packets.
 //!
 //! A backend reports the part of the shape and the f32 ray parameter. The intersection with that part is computed
 //! again in f64, and the point is then projected onto the surface, which removes the rounding error of the parameter.
 
+use super::uv_frame::UvFrame;
 use crate::numeric::{Ray, transform_normal};
 use crate::scene::InstanceTransform;
-use crate::shape::{Implicit, Shape, ShapePoint, ShapeRay};
+use crate::shape::{Implicit, Shape, ShapePoint, ShapeRay, refined_parameter};
 
 /// Returns the point of `part` at the end of `ray`, whose `t_far` is the parameter of the hit.
 ///
@@ -18,17 +20,7 @@ pub(super) fn world_point(pose: &InstanceTransform, shape: &Shape, ray: &Ray, pa
         inverse.transform_vector3(ray.direction.as_dvec3()),
     );
     // Find the intersection nearest to the reported parameter
-    let reported = f64::from(ray.t_far);
-    let mut nearest = f64::NAN;
-    shape.crossings(&line, &mut |hit| {
-        // The first comparison is with NaN.
-        let is_nearer = !((hit.t - reported).abs() >= (nearest - reported).abs());
-        if hit.part == part && is_nearer {
-            nearest = hit.t;
-        }
-    });
-    // Rounding may lose a grazing intersection; then use the reported parameter.
-    let t = if nearest.is_nan() { reported } else { nearest };
+    let t = refined_parameter(shape, &line, part, f64::from(ray.t_far));
     let point = shape.point(line.at(t), part);
     if pose.is_identity() {
         return point;
@@ -42,6 +34,15 @@ pub(super) fn world_point(pose: &InstanceTransform, shape: &Shape, ray: &Ray, pa
         dpdu: map.transform_vector3(point.dpdu),
         dpdv: map.transform_vector3(point.dpdv),
         error: point.error.transformed(&map, &inverse, p),
+    }
+}
+
+/// Returns the texture coordinates of [`world_point`], and the derivatives of the point by them.
+pub(super) fn shape_frame(pose: &InstanceTransform, shape: &Shape, ray: &Ray, part: u32) -> UvFrame {
+    let point = world_point(pose, shape, ray, part);
+    UvFrame {
+        uv: point.uv.map(|x| x as f32),
+        derivatives: [point.dpdu, point.dpdv],
     }
 }
 

@@ -25,8 +25,10 @@ pub(super) struct FetchedVertices {
     pub(super) normals: [Lanes3<f32>; 3],
     /// Lanes whose triangle has vertex normals; the others are flat.
     pub(super) smooth: Lanes<bool>,
-    /// True if some lanes are not world-space triangles, so that they need the scalar path.
+    /// True if some lanes are not world-space triangles, so that they need the path of single transforms.
     pub(super) needs_scalar_path: bool,
+    /// True if some lanes are world-space triangles.
+    pub(super) has_world_triangles: bool,
 }
 
 impl FetchedVertices {
@@ -41,6 +43,7 @@ impl FetchedVertices {
             normals: [[[0.0; LANES]; 3]; 3],
             smooth: [false; LANES],
             needs_scalar_path: false,
+            has_world_triangles: false,
         }
     }
 

@@ -278,6 +278,16 @@ impl PathStatePacket<'_> {
         self.path_states.depth.get(self.packet, l, 0)
     }
 
+    /// Returns the unit direction of lane `l`, before it is rounded to the f32 direction of the ray.
+    pub(in crate::render) fn direction(&self, l: usize) -> DVec3 {
+        self.path_states.direction.get(self.packet, l, DVec3::ZERO)
+    }
+
+    /// Returns the wavelength that lane `l` follows, in nanometres; 0 for all wavelengths.
+    pub(in crate::render) fn wavelength(&self, l: usize) -> f32 {
+        self.path_states.wavelength.get(self.packet, l, 0.0)
+    }
+
     /// Returns the ray cone of lane `l`.
     pub(in crate::render) fn cone(&self, l: usize) -> RayCone {
         self.path_states.cone.get(self.packet, l, PathState::NONE.cone)

@@ -350,16 +350,17 @@ impl ShadingState<'_, '_> {
             return;
         }
         if self.effects::<BASIC>().has_random_paths()
-            && let Some(travel) = sent.travel.filter(|travel| travel.bounces > 0)
+            && let Some(travel) = sent.travel.as_ref().filter(|travel| travel.bounces > 0)
         {
-            return self.send_behind_bounce(sent, &travel);
+            return self.send_behind_bounce(sent, travel);
         }
-        let depth = match sent.travel {
+        let depth = match &sent.travel {
             Some(travel) if self.effects::<BASIC>().counts_bounces() => travel.depth,
             _ => steps,
         };
         // Rays of one lobe carry small weights each; compare their sum with the cut-off.
-        let together = sent.travel.filter(|_| !BASIC).map_or(1, |travel| travel.split) as f32;
+        let together = sent.travel.as_ref().filter(|_| !BASIC);
+        let together = together.map_or(1, |travel| travel.split) as f32;
         // Terminate the path and record the lost weight
         if depth > settings.depth || together * largest < settings.weight_cutoff {
             let limit = if depth > settings.depth {

@@ -278,6 +278,31 @@ mod tests {
     }
 
     #[test]
+    fn interior_behind_a_surface_is_that_of_the_list_behind_it() {
+        let all = [WATER, ICE, GLASS, NestedInterior { id: 0, priority: 20 }];
+        // Visit all lists of up to three of these interiors
+        for members in all
+            .into_iter()
+            .flat_map(|a| all.map(|b| all.map(|c| [a, b, c])))
+            .flatten()
+        {
+            for count in 0..=members.len() {
+                let stack = around(&members[..count]);
+                for (interior, event) in all.into_iter().flat_map(|interior| {
+                    [BoundaryEvent::Enter, BoundaryEvent::Leave].map(|event| (interior, event))
+                }) {
+                    let expected = stack.through(interior, event).current();
+                    assert_eq!(
+                        stack.after(interior, event),
+                        expected,
+                        "{stack:?} {interior:?} {event:?}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
     fn equal_priority_media_are_ordered_by_lower_id() {
         let (a, b) = (
             NestedInterior { id: 7, priority: 5 },

@@ -249,6 +249,20 @@ mod tests {
     }
 
     #[test]
+    fn stored_wavelengths_have_the_bits_of_those_between() {
+        for count in [1, 3, 16, 36] {
+            let sampler = SpectralSampler::new(count);
+            for index in 0..count {
+                let share = (index as f64 + MIDDLE) / count as f64;
+                assert_eq!(
+                    sampler.wavelength(index, MIDDLE),
+                    quantile(&sampler.cumulative, share)
+                );
+            }
+        }
+    }
+
+    #[test]
     fn strata_follow_each_other_and_fill_the_spectrum() {
         for count in [2, 5, 32, 1000] {
             let sampler = SpectralSampler::new(count);

@@ -31,6 +31,7 @@ pub(in crate::render) struct CrossedSurface<'m> {
     pub(in crate::render) material: &'m Material,
     /// Interior that the surface bounds; `None` unless it is solid and transmissive.
     pub(in crate::render) interior: Option<NestedInterior>,
+    /// Direction in which the ray crosses the surface.
     event: BoundaryEvent,
 }
 
@@ -56,10 +57,13 @@ impl CrossedSurface<'_> {
     /// Returns the effect of the surface on a ray inside `media`.
     #[inline(always)]
     fn crossing(&self, media: &InteriorStack) -> BoundaryCrossing {
-        BoundaryCrossing {
-            before: media.current(),
-            after: self.after(media),
-            through: self.through(media),
+        match self.interior {
+            Some(interior) => media.crossing(interior, self.event),
+            None => BoundaryCrossing {
+                before: media.current(),
+                after: media.current(),
+                through: *media,
+            },
         }
     }
 

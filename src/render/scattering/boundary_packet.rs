@@ -13,7 +13,7 @@ use super::super::surface::{SurfacePacket, Surfaces, lane};
 use super::super::wavefront::{PathState, PathStatePacket, RayWorkItem, ShadingState, TracedPacket};
 use super::dielectric::{Tints, applies_fresnel};
 use crate::numeric::{LANES, Lanes, Lanes3, Ray, offset_point, spawn_point};
-use crate::optics::{InteriorStack, LINE_D, NestedInterior, dielectric_lanes, reflect};
+use crate::optics::{DielectricLanes, InteriorStack, LINE_D, NestedInterior, dielectric_lanes, reflect};
 use crate::scene::{Effect, MIRROR_ROUGHNESS};
 use crate::shading::ray_cone::RayCone;
 
@@ -26,14 +26,16 @@ struct IncidentRays<'a> {
     direction: Lanes3<f64>,
     /// Unit shading normals for reflection and refraction, on the sides of the rays.
     normal: Lanes3<f64>,
+    /// Ray cones at the hits.
     cone: Lanes<RayCone>,
     /// True in lanes where Fresnel's equations apply.
     applies_fresnel: Lanes<bool>,
     /// Media on both sides.
     sides: Lanes<BoundarySides>,
-    /// Interiors around the rays behind the boundaries.
-    through: Lanes<InteriorStack>,
+    /// Optical properties at the current wavelengths.
     indices: BoundaryIndices,
+    /// Reflection and refraction at the current wavelengths.
+    interfaces: DielectricLanes,
     /// Weights of the reflected rays, summed over the wavelengths so far, relative to those of the incident rays.
     mirrored: Lanes3<f32>,
     /// True in lanes that are left to the functions for one ray.
@@ -69,8 +71,11 @@ struct BoundaryIndices {
 pub(in crate::render) struct BoundaryRays {
     /// Unit directions in world space.
     direction: Lanes3<f64>,
+    /// Origins of the rays, on the sides of their directions.
     origin: Lanes3<f32>,
+    /// Path throughput along the rays, linear RGB.
     weight: Lanes3<f32>,
+    /// Ray cones behind the boundaries.
     cone: Lanes<RayCone>,
     /// Wavelengths in nanometres; 0 for all wavelengths.
     wavelength: Lanes<f32>,
@@ -103,7 +108,7 @@ impl BoundaryRays {
 }
 
 impl<'a> IncidentRays<'a> {
-    /// Returns a packet without rays.
+    /// Returns a packet without rays, of paths with the throughput `weight` at these surfaces.
     #[inline(always)]
     fn new(surfaces: &'a Surfaces, weight: &'a Lanes3<f32>) -> IncidentRays<'a> {
         let outside = BoundarySides {
@@ -119,7 +124,6 @@ impl<'a> IncidentRays<'a> {
             cone: [PathState::NONE.cone; LANES],
             applies_fresnel: [true; LANES],
             sides: [outside; LANES],
-            through: [InteriorStack::EMPTY; LANES],
             indices: BoundaryIndices {
                 wavelength: [0.0; LANES],
                 color: [[1.0; LANES]; 3],
@@ -127,6 +131,7 @@ impl<'a> IncidentRays<'a> {
                 eta_t: [1.0; LANES],
                 is_used: [false; LANES],
             },
+            interfaces: DielectricLanes::NONE,
             mirrored: [[0.0; LANES]; 3],
             is_left: [false; LANES],
         }
@@ -153,6 +158,7 @@ impl ShadingState<'_, '_> {
         }
     }
 
+    /// Queues the reflected and refracted rays of the lanes in `refracts`.
     #[inline(never)]
     fn scatter_smoothly(
         &mut self,
@@ -189,12 +195,9 @@ impl ShadingState<'_, '_> {
             if incident.is_left[l] {
                 self.cross(traced, path_states, surfaces, l);
             } else {
-                self.send_scattered(
-                    traced,
-                    path_states.lane(l),
-                    (&incident.through[l], &rays[..=count]),
-                    l,
-                );
+                let arrival = path_states.lane(l);
+                let through = self.media_behind(&incident, traced.packet.instance[l], &arrival.media, l);
+                self.send_scattered(traced, &arrival, (&through, &rays[..=count]), l);
             }
         }
         self.boundary_rays = rays;
@@ -237,12 +240,13 @@ impl ShadingState<'_, '_> {
         let disperses = frame.effects().has(Effect::Dispersion)
             && wavelength == 0.0
             && (frame.disperses(before) || frame.disperses(after));
-        incident.through[l] = surface.through(&media);
         incident.indices.is_used[l] = true;
-        if disperses {
+        let split = disperses.then(|| {
             let offset = self.wavelength_offsets.get(traced.pixel[l] as usize);
-            let split = Some(offset.copied().unwrap_or(0.5));
-            incident.sides[l] = BoundarySides { before, after, split };
+            offset.copied().unwrap_or(0.5)
+        });
+        incident.sides[l] = BoundarySides { before, after, split };
+        if disperses {
             return;
         }
         let nanometres = if wavelength > 0.0 {
@@ -253,6 +257,24 @@ impl ShadingState<'_, '_> {
         incident.indices.wavelength[l] = wavelength;
         incident.indices.eta_i[l] = frame.ior(before, nanometres);
         incident.indices.eta_t[l] = frame.ior(after, nanometres);
+    }
+
+    /// Returns the interiors behind the boundary that `instance` forms in lane `l`, around a ray inside `media`.
+    #[inline(always)]
+    fn media_behind(
+        &self,
+        incident: &IncidentRays,
+        instance: u32,
+        media: &InteriorStack,
+        l: usize,
+    ) -> InteriorStack {
+        if !self.frame.effects().has(Effect::NestedMedia) {
+            // Paths keep one interior only
+            let after = incident.sides[l].after;
+            return after.map_or(InteriorStack::EMPTY, InteriorStack::of);
+        }
+        let from_outside = incident.surfaces.points.front[l];
+        self.frame.crossed_surface(instance, from_outside).through(media)
     }
 
     /// Sets the indices of refraction of the lanes that split wavelengths to those of wavelength `number`.
@@ -279,7 +301,7 @@ impl ShadingState<'_, '_> {
     fn send_scattered(
         &mut self,
         traced: &TracedPacket,
-        arrival: PathState,
+        arrival: &PathState,
         (through, rays): (&InteriorStack, &[BoundaryRays]),
         l: usize,
     ) {
@@ -297,7 +319,7 @@ impl ShadingState<'_, '_> {
                 bent: true,
                 media: *through,
                 density: arrival.density_behind_boundary(),
-                ..arrival
+                ..*arrival
             }),
         };
         // Queue the refracted rays
@@ -330,40 +352,46 @@ impl ShadingState<'_, '_> {
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
 fn refract_lanes(incident: &mut IncidentRays, rays: &mut BoundaryRays) {
-    let indices = &incident.indices;
+    let surfaces = incident.surfaces;
     let Surfaces {
         points, materials, ..
-    } = incident.surfaces;
-    let interfaces = dielectric_lanes(
+    } = surfaces;
+    let IncidentRays {
+        indices, interfaces, ..
+    } = incident;
+    dielectric_lanes(
         &incident.direction,
         &incident.normal,
         &indices.eta_i,
         &indices.eta_t,
+        interfaces,
     );
-    // Refract the rays and their cones
+    // Refract the rays
+    let (mut cos_i, mut cos_t) = ([0.0; LANES], [0.0; LANES]);
     for l in 0..LANES {
         let (d, n) = (vector(&incident.direction, l), vector(&incident.normal, l));
-        let (eta_i, eta_t) = (indices.eta_i[l], indices.eta_t[l]);
         // Equal indices do not change the direction
-        let is_straight = eta_i == eta_t;
-        let mut direction = [0.0; 3];
+        let is_straight = indices.eta_i[l] == indices.eta_t[l];
+        let bent = vector(&interfaces.refracted, l);
+        let direction = DVec3::new(
+            if is_straight { d.x } else { bent.x },
+            if is_straight { d.y } else { bent.y },
+            if is_straight { d.z } else { bent.z },
+        );
         for axis in 0..3 {
-            let bent = interfaces.refracted[axis][l];
-            direction[axis] = if is_straight {
-                incident.direction[axis][l]
-            } else {
-                bent
-            };
             rays.direction[axis][l] = direction[axis];
         }
-        let direction = DVec3::from_array(direction);
-        let cos_i = -d.dot(n);
+        let cosine = -d.dot(n);
         let refracts = is_straight | !interfaces.total[l];
         let leaves = is_straight | (direction.dot(lane(&points.ng, l).as_dvec3()) < 0.0);
-        incident.is_left[l] |= indices.is_used[l] & (!(cos_i > 0.0) | (refracts & !leaves));
+        incident.is_left[l] |= indices.is_used[l] & (!(cosine > 0.0) | (refracts & !leaves));
         rays.is_sent[l] = indices.is_used[l] & refracts;
-        let cosines = [cos_i.clamp(0.0, 1.0), direction.dot(n).abs()];
-        let cone = incident.cone[l].refracted(eta_t / eta_i, cosines, incident.surfaces.curvatures[l]);
+        (cos_i[l], cos_t[l]) = (cosine.clamp(0.0, 1.0), direction.dot(n).abs());
+    }
+    // Refract their cones, in a loop of its own that becomes one over vectors
+    for l in 0..LANES {
+        let eta = indices.eta_t[l] / indices.eta_i[l];
+        let cone = incident.cone[l].refracted(eta, [cos_i[l], cos_t[l]], surfaces.curvatures[l]);
         rays.cone[l] = cone.spread_by(0.0);
     }
     // Divide the throughput by Fresnel's equations
@@ -443,4 +471,113 @@ fn spawn(points: &SurfacePacket, rays: &mut BoundaryRays) {
 #[inline(always)]
 fn vector(v: &Lanes3<f64>, l: usize) -> DVec3 {
     DVec3::new(v[0][l], v[1][l], v[2][l])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::dielectric::SmoothInterface;
+    use super::*;
+    use crate::numeric::SplitMix64;
+    use crate::optics::dielectric;
+    use crate::scene::EffectSet;
+
+    /// Cosines of incidence of the lanes: along the normal, at angles, grazing.
+    const COSINES: [f64; 4] = [1.0, 0.8, 0.3, 1e-9];
+    /// Indices of refraction of the lanes: into glass, out of it, within it.
+    const ETAS: [[f64; 2]; 3] = [[1.0, 1.5], [1.5, 1.0], [1.5, 1.5]];
+
+    /// Returns random surfaces of glass, of which one holds no numbers, and the normals by which they refract.
+    fn random_surfaces(random: &mut SplitMix64) -> (Surfaces, Lanes<DVec3>) {
+        let mut surfaces = Surfaces::new(EffectSet::NONE.with(Effect::Refraction).with(Effect::Reflection));
+        let mut normals = [DVec3::Z; LANES];
+        for l in 0..LANES {
+            let ng = random.direction().as_vec3().normalize();
+            // Every third normal is interpolated and far from that of the surface
+            let tilt = if l % 3 == 0 { random.unit() } else { 0.0 };
+            normals[l] = (ng.as_dvec3() + tilt * random.direction()).normalize();
+            surfaces.curvatures[l] = random.within(-1.0, 1.0);
+            surfaces.points.error[l] = random.within(0.0, 1e-6);
+            surfaces.materials.roughness[l] = 0.0;
+            surfaces.materials.extended.is_phong[l] = random.unit() < 0.5;
+            for axis in 0..3 {
+                surfaces.points.ng[axis][l] = ng[axis];
+                surfaces.points.p[axis][l] = random.within(-2.0, 2.0);
+                surfaces.materials.base_color[axis][l] = random.unit() as f32;
+                surfaces.materials.extended.transmission[axis][l] = random.unit() as f32;
+                surfaces.materials.extended.reflection[axis][l] = random.unit() as f32;
+            }
+        }
+        surfaces.points.p[0][LANES - 1] = f64::NAN;
+        (surfaces, normals)
+    }
+
+    /// Compares lane `l` of `rays` with the ray that one function at a time computes.
+    fn assert_ray(incident: &IncidentRays, rays: &BoundaryRays, l: usize, direction: DVec3, share: [f32; 3]) {
+        let points = &incident.surfaces.points;
+        assert_eq!(vector(&rays.direction, l), direction);
+        assert_eq!(
+            [0, 1, 2].map(|c| rays.weight[c][l]),
+            [0, 1, 2].map(|c| incident.weight[c][l] * share[c])
+        );
+        let ng = points.geometric_normal(l);
+        let side = if direction.dot(ng) < 0.0 { -ng } else { ng };
+        assert_eq!(lane(&rays.origin, l), points.leave(l, side));
+    }
+
+    #[test]
+    fn every_lane_has_the_bits_of_the_functions_for_one_ray() {
+        let mut random = SplitMix64::new(11, 0);
+        let (mut left, mut total) = (0, 0);
+        for case in 0..2000 {
+            let (surfaces, normals) = random_surfaces(&mut random);
+            let weight = [0, 1, 2].map(|_| std::array::from_fn(|_| random.within(-1.0, 1.0) as f32));
+            let mut incident = IncidentRays::new(&surfaces, &weight);
+            // The last lane sends no ray
+            for l in 0..LANES - 1 {
+                let cosine = COSINES[random.below(COSINES.len())];
+                let n = normals[l];
+                let along = (1.0 - cosine * cosine).sqrt() * n.any_orthonormal_vector();
+                let d = (along - cosine * n).normalize();
+                (0..3).for_each(|axis| incident.direction[axis][l] = d[axis]);
+                (0..3).for_each(|axis| incident.normal[axis][l] = n[axis]);
+                [incident.indices.eta_i[l], incident.indices.eta_t[l]] = ETAS[random.below(ETAS.len())];
+                incident.applies_fresnel[l] = random.unit() < 0.8;
+                incident.indices.is_used[l] = true;
+                let [width, spread] = [random.unit(), random.unit()];
+                incident.cone[l] = RayCone { width, spread };
+            }
+            let (mut refracted, mut reflected) = (BoundaryRays::NONE, BoundaryRays::NONE);
+            refract_lanes(&mut incident, &mut refracted);
+            reflect_lanes(&incident, &mut reflected);
+            assert!(!refracted.is_sent[LANES - 1] && !incident.is_left[LANES - 1]);
+            for l in (0..LANES - 1).filter(|&l| !incident.is_left[l]) {
+                let bend = SmoothInterface {
+                    d: vector(&incident.direction, l),
+                    n: normals[l],
+                    side: surfaces.points.geometric_normal(l),
+                };
+                let etas = [incident.indices.eta_i[l], incident.indices.eta_t[l]];
+                let fresnel = dielectric(bend.cos_i(), etas[0], etas[1]);
+                let tints = Tints::in_lane(&surfaces.materials, &incident.applies_fresnel, l);
+                let (mirrored, through) =
+                    tints.weights(fresnel.reflectance.mean(), fresnel.transmittance.mean());
+                let cone = incident.cone[l];
+                assert_ray(&incident, &reflected, l, bend.reflected(), mirrored);
+                assert_eq!(reflected.cone[l], cone.reflected(surfaces.curvatures[l]));
+                let Some(direction) = bend.refracted_into_solid(etas) else {
+                    assert!(!refracted.is_sent[l], "case {case}");
+                    total += 1;
+                    continue;
+                };
+                assert!(refracted.is_sent[l], "case {case}");
+                assert_ray(&incident, &refracted, l, direction, through);
+                let cosines = [bend.cos_i(), direction.dot(bend.n).abs()];
+                let expected = cone.refracted(etas[1] / etas[0], cosines, surfaces.curvatures[l]);
+                assert_eq!(refracted.cone[l], expected, "case {case}");
+            }
+            left += incident.is_left.iter().filter(|&&is_left| is_left).count();
+        }
+        // Both kinds are among the cases, and hardly any lane is left to the functions for one ray
+        assert!(total > 1000 && (1..2000).contains(&left), "{total} {left}");
+    }
 }

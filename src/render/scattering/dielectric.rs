@@ -3,8 +3,8 @@
 //! A path carries the interiors around it (nested dielectrics by priority), its exact direction, and its wavelength
 //! once a dispersive medium has split it. At a smooth boundary, Fresnel's equations divide the throughput between a
 //! reflected and a refracted ray; at a rough boundary, those of its microfacets do. Beer-Lambert absorption
-//! attenuates the path inside a medium. Everything is computed lane by lane in f64; packets pay for it only in scenes
-//! with such materials.
+//! attenuates the path inside a medium. Functions for one ray serve microfacets, thin walls and thin films; smooth
+//! boundaries of solids are computed sixteen at a time ([`super::boundary_packet`]). Both run in f64.
 
 use glam::DVec3;
 
@@ -224,7 +224,7 @@ impl ShadingState<'_, '_> {
         present
     }
 
-    /// Queues the reflected and refracted rays at a smooth surface by the functions for one ray.
+    /// Queues the reflected and refracted rays of lane `l` at a smooth surface.
     pub(super) fn cross(
         &mut self,
         traced: &TracedPacket,
@@ -434,16 +434,17 @@ impl Interface<'_> {
 /// Incidence of a ray on a smooth boundary.
 pub(in crate::render) struct SmoothInterface {
     /// Unit direction of the incident ray.
-    d: DVec3,
+    pub(super) d: DVec3,
     /// Unit shading normal for reflection and refraction, on the side of the incident ray.
-    n: DVec3,
+    pub(super) n: DVec3,
     /// Unit geometric normal on the side of the incident ray; scattered rays must not cross it because of an
     /// interpolated `n`.
-    side: DVec3,
+    pub(super) side: DVec3,
 }
 
 impl SmoothInterface {
-    fn cos_i(&self) -> f64 {
+    /// Returns the cosine of the angle of incidence, within [0, 1].
+    pub(super) fn cos_i(&self) -> f64 {
         (-self.d.dot(self.n)).clamp(0.0, 1.0)
     }
 
@@ -457,7 +458,8 @@ impl SmoothInterface {
         }
     }
 
-    fn reflected(&self) -> DVec3 {
+    /// Returns the direction of the reflected ray, which leaves on the side of the incident ray.
+    pub(super) fn reflected(&self) -> DVec3 {
         let mirrored = reflect(self.d, self.n);
         // Fall back to the geometric normal if the ray would enter the surface
         if mirrored.dot(self.side) > 0.0 {
@@ -468,9 +470,18 @@ impl SmoothInterface {
     }
 
     /// Returns the direction of the refracted ray, or `None` with total internal reflection.
-    fn refracted(&self, boundary: &Boundary, [eta_i, eta_t]: [f64; 2]) -> Option<DVec3> {
-        // Thin surfaces and equal indices do not change the direction
-        if boundary.material.is_thin_surface() || eta_i == eta_t {
+    fn refracted(&self, boundary: &Boundary, etas: [f64; 2]) -> Option<DVec3> {
+        // Thin surfaces do not change the direction
+        if boundary.material.is_thin_surface() {
+            return Some(self.d);
+        }
+        self.refracted_into_solid(etas)
+    }
+
+    /// Returns the direction of the ray refracted from index `eta_i` to `eta_t`, or `None` with total internal reflection.
+    pub(super) fn refracted_into_solid(&self, [eta_i, eta_t]: [f64; 2]) -> Option<DVec3> {
+        // Equal indices do not change the direction
+        if eta_i == eta_t {
             return Some(self.d);
         }
         let bent = refract(self.d, self.n, eta_i, eta_t)?.direction;

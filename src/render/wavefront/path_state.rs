@@ -256,6 +256,7 @@ pub(in crate::render) struct PathStatePacket<'a> {
 
 impl PathStatePacket<'_> {
     /// Returns the state of lane `l`; members without an array have the values of [`PathState::NONE`].
+    #[inline(always)]
     pub(in crate::render) fn lane(&self, l: usize) -> PathState {
         let (path_states, packet) = (self.path_states, self.packet);
         PathState {
@@ -311,6 +312,7 @@ impl PathStatePacket<'_> {
     }
 
     /// Returns the interiors around lane `l`.
+    #[inline(always)]
     pub(in crate::render) fn media(&self, l: usize) -> InteriorStack {
         self.path_states.media.get(self.packet, l)
     }
@@ -407,6 +409,7 @@ impl InteriorArray {
     }
 
     /// Returns the interiors around lane `l` of packet `packet`.
+    #[inline(always)]
     pub(in crate::render) fn get(&self, packet: usize, l: usize) -> InteriorStack {
         match self.single.get(packet, l, None) {
             Some(body) => InteriorStack::of(body),

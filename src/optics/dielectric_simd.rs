@@ -25,6 +25,15 @@ pub struct DielectricLanes {
 }
 
 impl DielectricLanes {
+    /// No light in any lane.
+    pub const NONE: DielectricLanes = DielectricLanes {
+        reflected: [[0.0; LANES]; 3],
+        refracted: [[0.0; LANES]; 3],
+        reflectance: [0.0; LANES],
+        transmittance: [0.0; LANES],
+        total: [false; LANES],
+    };
+
     /// Recomputes the lane `l`, whose ray is very near the critical angle, in higher precision. `axes` holds direction
     /// and normal by axis, followed by the two indices.
     #[cold]
@@ -49,7 +58,7 @@ impl DielectricLanes {
     }
 }
 
-/// Returns reflection and refraction of rays that travel along `d` and hit surfaces of normal `n`, from index `eta_i`
+/// Computes reflection and refraction of rays that travel along `d` and hit surfaces of normal `n`, from index `eta_i`
 /// to `eta_t`.
 ///
 /// Each lane equals the results of [`reflect`], [`refract`](super::refract) and [`dielectric`](super::dielectric) to
@@ -60,14 +69,8 @@ pub fn dielectric_lanes(
     n: &Lanes3<f64>,
     eta_i: &Lanes<f64>,
     eta_t: &Lanes<f64>,
-) -> DielectricLanes {
-    let mut lanes = DielectricLanes {
-        reflected: [[0.0; LANES]; 3],
-        refracted: [[0.0; LANES]; 3],
-        reflectance: [0.0; LANES],
-        transmittance: [0.0; LANES],
-        total: [false; LANES],
-    };
+    lanes: &mut DielectricLanes,
+) {
     // Reflect and refract all lanes, noting those near the critical angle
     let (mut critical, mut any_critical) = ([0u64; LANES], 0);
     for l in 0..LANES {
@@ -104,7 +107,6 @@ pub fn dielectric_lanes(
             );
         }
     }
-    lanes
 }
 
 #[cfg(test)]
@@ -125,7 +127,9 @@ mod tests {
         eta_i: &Lanes<f64>,
         eta_t: &Lanes<f64>,
     ) -> DielectricLanes {
-        dielectric_lanes(d, n, eta_i, eta_t)
+        let mut lanes = DielectricLanes::NONE;
+        dielectric_lanes(d, n, eta_i, eta_t, &mut lanes);
+        lanes
     }
 
     /// Random numbers in [0, 1) from a linear congruential generator (Knuth's MMIX).
@@ -149,7 +153,7 @@ mod tests {
     #[test]
     fn every_lane_has_the_bits_of_the_single_ray() {
         let mut numbers = LaneNumbers(1);
-        for packet in 0..2000 {
+        for _ in 0..2000 {
             let (mut d, mut n) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
             let (mut eta_i, mut eta_t) = ([0.0; LANES], [0.0; LANES]);
             // Fill a packet with random rays and indices
@@ -164,28 +168,43 @@ mod tests {
                     eta_t[l] = eta_i[l] * (1.0 - direction.dot(normal).powi(2)).sqrt();
                 }
             }
-            let lanes = vectorised(&d, &n, &eta_i, &eta_t);
-            // Compare each lane with the functions for one ray
-            for l in 0..LANES {
-                let of = |v: &Lanes3<f64>| DVec3::new(v[0][l], v[1][l], v[2][l]);
-                let (d, n) = (of(&d), of(&n));
-                let expected = dielectric(d.dot(n).abs(), eta_i[l], eta_t[l]);
-                let refraction = refract(d, n, eta_i[l], eta_t[l]);
-                assert_eq!(of(&lanes.reflected), reflect(d, n), "packet {packet}");
-                assert_eq!(lanes.total[l], refraction.is_none(), "packet {packet}");
-                let onwards = refraction.map_or(reflect(d, n), |refraction| refraction.direction);
-                assert_eq!(of(&lanes.refracted), onwards, "packet {packet}");
-                assert_eq!(
-                    lanes.reflectance[l],
-                    expected.reflectance.mean(),
-                    "packet {packet}"
-                );
-                assert_eq!(
-                    lanes.transmittance[l],
-                    expected.transmittance.mean(),
-                    "packet {packet}"
-                );
+            assert_bits_of_single_rays(&d, &n, &eta_i, &eta_t);
+        }
+    }
+
+    /// Compares each lane with the functions for one ray.
+    fn assert_bits_of_single_rays(d: &Lanes3<f64>, n: &Lanes3<f64>, eta_i: &Lanes<f64>, eta_t: &Lanes<f64>) {
+        let lanes = vectorised(d, n, eta_i, eta_t);
+        for l in 0..LANES {
+            let of = |v: &Lanes3<f64>| DVec3::new(v[0][l], v[1][l], v[2][l]);
+            let (d, n) = (of(d), of(n));
+            let case = format!("{d} at {n} from {} to {}", eta_i[l], eta_t[l]);
+            let expected = dielectric(d.dot(n).abs(), eta_i[l], eta_t[l]);
+            let refraction = refract(d, n, eta_i[l], eta_t[l]);
+            assert_eq!(of(&lanes.reflected), reflect(d, n), "{case}");
+            assert_eq!(lanes.total[l], refraction.is_none(), "{case}");
+            let onwards = refraction.map_or(reflect(d, n), |refraction| refraction.direction);
+            assert_eq!(of(&lanes.refracted), onwards, "{case}");
+            assert_eq!(lanes.reflectance[l], expected.reflectance.mean(), "{case}");
+            assert_eq!(lanes.transmittance[l], expected.transmittance.mean(), "{case}");
+        }
+    }
+
+    #[test]
+    fn hard_cases_have_the_bits_of_the_single_ray() {
+        // Along the normal, at an angle, beyond the critical angle of glass, grazing, and inside the boundary
+        let cosines = [1.0, 0.8, 0.6, 1e-8, 0.0];
+        let indices = [[1.0, 1.5], [1.5, 1.0], [1.5, 1.5], [1.0, 1.0 + f64::EPSILON]];
+        let n = [[0.0; LANES], [1.0; LANES], [0.0; LANES]];
+        for (cosine, [from, to]) in cosines.into_iter().flat_map(|c| indices.map(|pair| (c, pair))) {
+            // Every other lane is one that no ray uses: along the normal, within one medium
+            let mut d = [[0.0; LANES], [-1.0; LANES], [0.0; LANES]];
+            let (mut eta_i, mut eta_t) = ([1.0; LANES], [1.0; LANES]);
+            for l in (0..LANES).step_by(2) {
+                (d[0][l], d[1][l]) = ((1.0f64 - cosine * cosine).sqrt(), -cosine);
+                (eta_i[l], eta_t[l]) = (from, to);
             }
+            assert_bits_of_single_rays(&d, &n, &eta_i, &eta_t);
         }
     }
 

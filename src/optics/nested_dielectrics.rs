@@ -84,9 +84,11 @@ impl InteriorStack {
     };
 
     /// Creates the stack of a point inside one interior.
+    #[inline(always)]
     pub fn of(interior: NestedInterior) -> InteriorStack {
         let mut stack = InteriorStack::EMPTY;
-        stack.enter(interior);
+        stack.interiors[0] = interior;
+        stack.count = 1;
         stack
     }
 
@@ -111,16 +113,37 @@ impl InteriorStack {
     /// Returns the effect of the surface of `interior` on a ray inside these interiors.
     #[inline(always)]
     pub fn crossing(&self, interior: NestedInterior, event: BoundaryEvent) -> BoundaryCrossing {
+        BoundaryCrossing {
+            before: self.current(),
+            after: self.after(interior, event),
+            through: self.through(interior, event),
+        }
+    }
+
+    /// Returns the interior that is present behind the surface of `interior`; `None` for the outside.
+    #[inline(always)]
+    pub fn after(&self, interior: NestedInterior, event: BoundaryEvent) -> Option<NestedInterior> {
+        let current = self.current();
+        match event {
+            BoundaryEvent::Enter => current
+                .filter(|present| present.has_priority_over(interior))
+                .or(Some(interior)),
+            BoundaryEvent::Leave if current.is_some_and(|present| present.id == interior.id) => {
+                self.interiors().get(1).copied()
+            }
+            BoundaryEvent::Leave => current,
+        }
+    }
+
+    /// Returns the interiors around a ray behind the surface of `interior`.
+    #[inline(always)]
+    pub fn through(&self, interior: NestedInterior, event: BoundaryEvent) -> InteriorStack {
         let mut through = *self;
         match event {
             BoundaryEvent::Enter => through.enter(interior),
             BoundaryEvent::Leave => through.leave(interior.id),
         }
-        BoundaryCrossing {
-            before: self.current(),
-            after: through.current(),
-            through,
-        }
+        through
     }
 
     /// Adds `interior`. If the list is full, the interior of lowest precedence is dropped.
@@ -252,6 +275,31 @@ mod tests {
         let crossing = InteriorStack::EMPTY.crossing(ICE, BoundaryEvent::Leave);
         assert!(!crossing.is_real());
         assert_eq!(crossing.through.anomalies(), 1);
+    }
+
+    #[test]
+    fn interior_behind_a_surface_is_that_of_the_list_behind_it() {
+        let all = [WATER, ICE, GLASS, NestedInterior { id: 0, priority: 20 }];
+        // Visit all lists of up to three of these interiors
+        for members in all
+            .into_iter()
+            .flat_map(|a| all.map(|b| all.map(|c| [a, b, c])))
+            .flatten()
+        {
+            for count in 0..=members.len() {
+                let stack = around(&members[..count]);
+                for (interior, event) in all.into_iter().flat_map(|interior| {
+                    [BoundaryEvent::Enter, BoundaryEvent::Leave].map(|event| (interior, event))
+                }) {
+                    let expected = stack.through(interior, event).current();
+                    assert_eq!(
+                        stack.after(interior, event),
+                        expected,
+                        "{stack:?} {interior:?} {event:?}"
+                    );
+                }
+            }
+        }
     }
 
     #[test]

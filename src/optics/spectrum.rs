@@ -23,6 +23,9 @@ const CELLS: usize = 400;
 /// any order, as long as sums stay below 4.
 const WEIGHT_STEPS: f64 = (1 << 22) as f64;
 
+/// Offset of the wavelength that represents its stratum.
+const MIDDLE: f64 = 0.5;
+
 /// Returns the CIE 1931 colour matching functions x, y, z at `wavelength`, nanometres; y peaks at about 1.
 pub fn color_matching(wavelength: f64) -> [f64; 3] {
     let lobe = |height: f64, center: f64, below: f64, above: f64| {
@@ -53,6 +56,8 @@ pub struct SpectralSampler {
     /// Fraction of all importance below each bound of a cell, ascending from 0 to 1.
     cumulative: Vec<f64>,
     weights: Vec<[f32; 3]>,
+    /// Wavelengths that represent the strata, nanometres.
+    middles: Vec<f64>,
 }
 
 impl SpectralSampler {
@@ -64,7 +69,12 @@ impl SpectralSampler {
         let cumulative = cumulative_importance(&cells);
         let bound = |index: usize| quantile(&cumulative, index as f64 / count as f64);
         let weights = quantise((0..count).map(|index| integral(&cells, bound(index), bound(index + 1))));
-        SpectralSampler { cumulative, weights }
+        let middle = |index: usize| quantile(&cumulative, (index as f64 + MIDDLE) / count as f64);
+        SpectralSampler {
+            middles: (0..count).map(middle).collect(),
+            cumulative,
+            weights,
+        }
     }
 
     /// Returns the RGB weight of each wavelength, in ascending order; some are negative, their sum is exactly (1, 1,
@@ -79,10 +89,11 @@ impl SpectralSampler {
     /// `index` beyond the last stratum is clamped to the last.
     pub fn wavelength(&self, index: usize, offset: f64) -> f64 {
         let count = self.weights.len();
-        quantile(
-            &self.cumulative,
-            (index.min(count - 1) as f64 + offset) / count as f64,
-        )
+        let index = index.min(count - 1);
+        if offset == MIDDLE {
+            return self.middles[index];
+        }
+        quantile(&self.cumulative, (index as f64 + offset) / count as f64)
     }
 
     /// Returns the index of the stratum that holds `wavelength`, nanometres; the first or last beyond the spectrum.
@@ -235,6 +246,20 @@ mod tests {
         assert_eq!(sampler.weights(), [[1.0; 3]]);
         assert_eq!(sampler.wavelength(0, 0.0), MIN_WAVELENGTH);
         assert_eq!(sampler.wavelength(0, 1.0), MAX_WAVELENGTH);
+    }
+
+    #[test]
+    fn stored_wavelengths_have_the_bits_of_those_between() {
+        for count in [1, 3, 16, 36] {
+            let sampler = SpectralSampler::new(count);
+            for index in 0..count {
+                let share = (index as f64 + MIDDLE) / count as f64;
+                assert_eq!(
+                    sampler.wavelength(index, MIDDLE),
+                    quantile(&sampler.cumulative, share)
+                );
+            }
+        }
     }
 
     #[test]

@@ -26,6 +26,55 @@ impl Boundary<'_> {
     }
 }
 
+/// Surface that a ray hits, with the interior that begins or ends there.
+pub(in crate::render) struct CrossedSurface<'m> {
+    pub(in crate::render) material: &'m Material,
+    /// Interior that the surface bounds; `None` unless it is solid and transmissive.
+    pub(in crate::render) interior: Option<NestedInterior>,
+    /// Direction in which the ray crosses the surface.
+    event: BoundaryEvent,
+}
+
+impl CrossedSurface<'_> {
+    /// Returns the interior that is present behind the surface for a ray inside `media`.
+    #[inline(always)]
+    pub(in crate::render) fn after(&self, media: &InteriorStack) -> Option<NestedInterior> {
+        match self.interior {
+            Some(interior) => media.after(interior, self.event),
+            None => media.current(),
+        }
+    }
+
+    /// Returns the interiors behind the surface around a ray inside `media`.
+    #[inline(always)]
+    pub(in crate::render) fn through(&self, media: &InteriorStack) -> InteriorStack {
+        match self.interior {
+            Some(interior) => media.through(interior, self.event),
+            None => *media,
+        }
+    }
+
+    /// Returns the effect of the surface on a ray inside `media`.
+    #[inline(always)]
+    fn crossing(&self, media: &InteriorStack) -> BoundaryCrossing {
+        match self.interior {
+            Some(interior) => media.crossing(interior, self.event),
+            None => BoundaryCrossing {
+                before: media.current(),
+                after: media.current(),
+                through: *media,
+            },
+        }
+    }
+
+    /// Returns whether an interior of higher priority hides the surface from a ray inside `media`.
+    #[inline(always)]
+    pub(in crate::render) fn is_hidden(&self, media: &InteriorStack) -> bool {
+        let id = |interior: NestedInterior| interior.id;
+        self.interior.is_some() && media.current().map(id) == self.after(media).map(id)
+    }
+}
+
 impl Material {
     /// Returns whether the material is thin, so that a ray is never inside it.
     pub(in crate::render) fn is_thin_surface(&self) -> bool {
@@ -42,30 +91,31 @@ impl RenderContext<'_> {
         from_outside: bool,
         media: &InteriorStack,
     ) -> Boundary<'_> {
+        let surface = self.crossed_surface(instance, from_outside);
+        Boundary {
+            material: surface.material,
+            crossing: surface.crossing(media),
+            is_solid: surface.interior.is_some(),
+        }
+    }
+
+    /// Returns the surface of instance `instance` for a ray that arrives on its outside if `from_outside`.
+    #[inline(always)]
+    pub(in crate::render) fn crossed_surface(&self, instance: u32, from_outside: bool) -> CrossedSurface<'_> {
         let index = self.scene.instances[instance as usize].material;
         let material = &self.scene.materials[index as usize];
-        let passage = if from_outside {
-            BoundaryEvent::Enter
-        } else {
-            BoundaryEvent::Leave
-        };
         // Update the interior stack only at transmissive solids
         let is_solid =
             self.effects().has(Effect::Refraction) && material.transmits() && !material.is_thin_surface();
-        let crossing = if !is_solid {
-            BoundaryCrossing {
-                before: media.current(),
-                after: media.current(),
-                through: *media,
-            }
-        } else {
-            let priority = material.interior.map_or(0, |inside| inside.priority);
-            media.crossing(NestedInterior { id: index, priority }, passage)
-        };
-        Boundary {
+        let priority = material.interior.map_or(0, |inside| inside.priority);
+        CrossedSurface {
             material,
-            crossing,
-            is_solid,
+            interior: is_solid.then_some(NestedInterior { id: index, priority }),
+            event: if from_outside {
+                BoundaryEvent::Enter
+            } else {
+                BoundaryEvent::Leave
+            },
         }
     }
 

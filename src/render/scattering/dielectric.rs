@@ -3,8 +3,8 @@
 //! A path carries the interiors around it (nested dielectrics by priority), its exact direction, and its wavelength
 //! once a dispersive medium has split it. At a smooth boundary, Fresnel's equations divide the throughput between a
 //! reflected and a refracted ray; at a rough boundary, those of its microfacets do. Beer-Lambert absorption
-//! attenuates the path inside a medium. Everything is computed lane by lane in f64; packets pay for it only in scenes
-//! with such materials.
+//! attenuates the path inside a medium. Functions for one ray serve microfacets, thin walls and thin films; smooth
+//! boundaries of solids are computed sixteen at a time ([`super::boundary_packet`]). Both run in f64.
 
 use glam::DVec3;
 
@@ -17,7 +17,7 @@ use super::super::wavefront::{
 use super::boundary::Boundary;
 use super::microfacet::{Microfacet, ScatteredRay};
 use crate::accel::{NO_HIT, RayPacket};
-use crate::numeric::{LANES, Lanes3, Ray};
+use crate::numeric::{LANES, Lanes, Lanes3, Ray};
 use crate::optics::{LINE_D, reflect, refract};
 use crate::scene::{Effect, MIRROR_ROUGHNESS, Model, Phong};
 use crate::shading::MaterialPacket;
@@ -74,52 +74,68 @@ impl RenderContext<'_> {
     }
 }
 
+/// Returns whether Fresnel's equations apply to a surface of this model.
+pub(super) fn applies_fresnel(model: &Model) -> bool {
+    !matches!(model, Model::Phong(Phong { fresnel: false, .. }))
+}
+
 /// Tints of reflected and transmitted light at a surface, besides Fresnel's factors.
 pub(in crate::render) struct Tints {
     pub(in crate::render) reflected: [f32; 3],
     pub(in crate::render) through: [f32; 3],
     /// True if Fresnel's equations apply.
-    fresnel: bool,
+    applies_fresnel: bool,
 }
 
 impl Tints {
+    /// Returns the tints of lane `l` of `materials`, which is one of this model and transmits light.
     pub(in crate::render) fn of(model: &Model, materials: &MaterialPacket, l: usize) -> Tints {
+        Tints::in_lane(materials, &[applies_fresnel(model); LANES], l)
+    }
+
+    /// Returns the tints of lane `l` of `materials`, which transmits light, without branches.
+    #[inline(always)]
+    pub(super) fn in_lane(materials: &MaterialPacket, applies_fresnel: &Lanes<bool>, l: usize) -> Tints {
         let extended = &materials.extended;
-        let lane = |lanes: &Lanes3<f32>| [lanes[0][l], lanes[1][l], lanes[2][l]];
-        match model {
-            Model::Phong(Phong { fresnel, .. }) => Tints {
-                reflected: lane(&extended.reflection),
-                through: lane(&extended.transmission),
-                fresnel: *fresnel,
-            },
-            _ => {
-                let color = lane(&materials.base_color);
-                let share = lane(&extended.transmission);
-                let dielectric = 1.0 - materials.metallic[l];
-                Tints {
-                    reflected: lane(&extended.specular_color).map(|c| c * extended.specular[l]),
-                    through: std::array::from_fn(|c| color[c] * share[c] * dielectric),
-                    fresnel: true,
-                }
-            }
+        let is_phong = extended.is_phong[l];
+        let dielectric = 1.0 - materials.metallic[l];
+        let (mut reflected, mut through) = ([0.0; 3], [0.0; 3]);
+        for c in 0..3 {
+            let share = extended.transmission[c][l];
+            let specular = extended.specular_color[c][l] * extended.specular[l];
+            let tinted = materials.base_color[c][l] * share * dielectric;
+            reflected[c] = if is_phong {
+                extended.reflection[c][l]
+            } else {
+                specular
+            };
+            through[c] = if is_phong { share } else { tinted };
+        }
+        Tints {
+            reflected,
+            through,
+            applies_fresnel: applies_fresnel[l],
         }
     }
 
     /// Returns the weights of the reflected and of the refracted ray. With total internal reflection, all light is
     /// reflected.
+    #[inline(always)]
     pub(in crate::render) fn weights(&self, reflectance: f64, transmittance: f64) -> ([f32; 3], [f32; 3]) {
-        let total = !(transmittance > 0.0);
-        let (r, t) = if self.fresnel {
+        let (r, t) = if self.applies_fresnel {
             (reflectance as f32, transmittance as f32)
         } else {
             (1.0, 1.0)
         };
         // Without Fresnel factors, total internal reflection returns both parts
-        if total && !self.fresnel {
-            let all = std::array::from_fn(|c| (self.reflected[c] + self.through[c]).min(1.0));
-            return (all, [0.0; 3]);
+        let returns_all = !(transmittance > 0.0) & !self.applies_fresnel;
+        let (mut reflected, mut through) = ([0.0; 3], [0.0; 3]);
+        for c in 0..3 {
+            let all = (self.reflected[c] + self.through[c]).min(1.0);
+            reflected[c] = if returns_all { all } else { self.reflected[c] * r };
+            through[c] = if returns_all { 0.0 } else { self.through[c] * t };
         }
-        (self.reflected.map(|c| c * r), self.through.map(|c| c * t))
+        (reflected, through)
     }
 }
 
@@ -171,19 +187,18 @@ impl ShadingState<'_, '_> {
             if traced.packet.instance[l] == NO_HIT || traced.packet.active[l] == 0 {
                 continue;
             }
-            let from_outside = surfaces.points.front[l];
-            let travel = path_states.lane(l);
-            let boundary = self
+            let surface = self
                 .frame
-                .boundary(traced.packet.instance[l], from_outside, &travel.media);
+                .crossed_surface(traced.packet.instance[l], surfaces.points.front[l]);
             // Let rays pass hidden boundaries entirely
             let mut coverage = surfaces.materials.alpha[l];
-            if boundary.is_hidden() {
+            if surface.interior.is_some() && surface.is_hidden(&path_states.media(l)) {
                 coverage = 0.0;
             }
             if coverage == 1.0 {
                 continue;
             }
+            let travel = path_states.lane(l);
             // Split the throughput between the surface and the continued ray
             let weight = std::array::from_fn(|c| present[c][l] * (1.0 - coverage));
             (0..3).for_each(|c| present[c][l] *= coverage);
@@ -200,7 +215,7 @@ impl ShadingState<'_, '_> {
                 sender: Category::Refraction,
                 // A ray that passes through a gap in the surface of an interior enters that interior as well.
                 travel: Some(PathState {
-                    media: boundary.crossing.through,
+                    media: surface.through(&travel.media),
                     ..travel
                 }),
             };
@@ -209,25 +224,14 @@ impl ShadingState<'_, '_> {
         present
     }
 
-    /// Queues the reflected and refracted rays at smooth transmissive surfaces. Rough ones are handled in
-    /// `refract_rough_rays`.
-    pub(in crate::render) fn refract_rays(
+    /// Queues the reflected and refracted rays of lane `l` at a smooth surface.
+    pub(super) fn cross(
         &mut self,
         traced: &TracedPacket,
         path_states: PathStatePacket,
         surfaces: &Surfaces,
+        l: usize,
     ) {
-        for l in 0..LANES {
-            // Weights of a single wavelength may be negative, so that the sum of the channels is not a valid test.
-            let seen = traced.weight.iter().any(|channel| channel[l] != 0.0);
-            let materials = &surfaces.materials;
-            if surfaces.points.hit[l] && seen && materials.transmits(l) && !materials.has_lobe(l) {
-                self.cross(traced, path_states, surfaces, l);
-            }
-        }
-    }
-
-    fn cross(&mut self, traced: &TracedPacket, path_states: PathStatePacket, surfaces: &Surfaces, l: usize) {
         let boundary_hit = self.frame.boundary_hit(traced, path_states, surfaces, l);
         let bend = SmoothInterface {
             d: boundary_hit.arrival.direction,
@@ -430,16 +434,17 @@ impl Interface<'_> {
 /// Incidence of a ray on a smooth boundary.
 pub(in crate::render) struct SmoothInterface {
     /// Unit direction of the incident ray.
-    d: DVec3,
+    pub(super) d: DVec3,
     /// Unit shading normal for reflection and refraction, on the side of the incident ray.
-    n: DVec3,
+    pub(super) n: DVec3,
     /// Unit geometric normal on the side of the incident ray; scattered rays must not cross it because of an
     /// interpolated `n`.
-    side: DVec3,
+    pub(super) side: DVec3,
 }
 
 impl SmoothInterface {
-    fn cos_i(&self) -> f64 {
+    /// Returns the cosine of the angle of incidence, within [0, 1].
+    pub(super) fn cos_i(&self) -> f64 {
         (-self.d.dot(self.n)).clamp(0.0, 1.0)
     }
 
@@ -453,7 +458,8 @@ impl SmoothInterface {
         }
     }
 
-    fn reflected(&self) -> DVec3 {
+    /// Returns the direction of the reflected ray, which leaves on the side of the incident ray.
+    pub(super) fn reflected(&self) -> DVec3 {
         let mirrored = reflect(self.d, self.n);
         // Fall back to the geometric normal if the ray would enter the surface
         if mirrored.dot(self.side) > 0.0 {
@@ -464,9 +470,18 @@ impl SmoothInterface {
     }
 
     /// Returns the direction of the refracted ray, or `None` with total internal reflection.
-    fn refracted(&self, boundary: &Boundary, [eta_i, eta_t]: [f64; 2]) -> Option<DVec3> {
-        // Thin surfaces and equal indices do not change the direction
-        if boundary.material.is_thin_surface() || eta_i == eta_t {
+    fn refracted(&self, boundary: &Boundary, etas: [f64; 2]) -> Option<DVec3> {
+        // Thin surfaces do not change the direction
+        if boundary.material.is_thin_surface() {
+            return Some(self.d);
+        }
+        self.refracted_into_solid(etas)
+    }
+
+    /// Returns the direction of the ray refracted from index `eta_i` to `eta_t`, or `None` with total internal reflection.
+    pub(super) fn refracted_into_solid(&self, [eta_i, eta_t]: [f64; 2]) -> Option<DVec3> {
+        // Equal indices do not change the direction
+        if eta_i == eta_t {
             return Some(self.d);
         }
         let bent = refract(self.d, self.n, eta_i, eta_t)?.direction;

@@ -2,6 +2,7 @@
 
 mod bounce;
 mod boundary;
+mod boundary_packet;
 mod dielectric;
 mod glossy;
 mod lobe_packet;
@@ -10,6 +11,7 @@ mod march_state;
 mod microfacet;
 mod volume;
 
+pub(super) use boundary_packet::BoundaryRays;
 pub(super) use dielectric::Tints;
 pub(super) use lobe_rays::LobeRays;
 pub(super) use march_state::MarchState;

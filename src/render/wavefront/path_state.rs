@@ -256,6 +256,7 @@ pub(in crate::render) struct PathStatePacket<'a> {
 
 impl PathStatePacket<'_> {
     /// Returns the state of lane `l`; members without an array have the values of [`PathState::NONE`].
+    #[inline(always)]
     pub(in crate::render) fn lane(&self, l: usize) -> PathState {
         let (path_states, packet) = (self.path_states, self.packet);
         PathState {
@@ -276,6 +277,16 @@ impl PathStatePacket<'_> {
     /// Returns the number of reflections and refractions of lane `l` so far; 0 if paths do not count them.
     pub(in crate::render) fn depth(&self, l: usize) -> u32 {
         self.path_states.depth.get(self.packet, l, 0)
+    }
+
+    /// Returns the unit direction of lane `l`, before it is rounded to the f32 direction of the ray.
+    pub(in crate::render) fn direction(&self, l: usize) -> DVec3 {
+        self.path_states.direction.get(self.packet, l, DVec3::ZERO)
+    }
+
+    /// Returns the wavelength that lane `l` follows, in nanometres; 0 for all wavelengths.
+    pub(in crate::render) fn wavelength(&self, l: usize) -> f32 {
+        self.path_states.wavelength.get(self.packet, l, 0.0)
     }
 
     /// Returns the ray cone of lane `l`.
@@ -301,6 +312,7 @@ impl PathStatePacket<'_> {
     }
 
     /// Returns the interiors around lane `l`.
+    #[inline(always)]
     pub(in crate::render) fn media(&self, l: usize) -> InteriorStack {
         self.path_states.media.get(self.packet, l)
     }
@@ -397,6 +409,7 @@ impl InteriorArray {
     }
 
     /// Returns the interiors around lane `l` of packet `packet`.
+    #[inline(always)]
     pub(in crate::render) fn get(&self, packet: usize, l: usize) -> InteriorStack {
         match self.single.get(packet, l, None) {
             Some(body) => InteriorStack::of(body),

@@ -60,7 +60,7 @@ impl RayTypeCounts {
 
 impl RayWorkItem {
     fn account(&self) -> Category {
-        match self.travel {
+        match &self.travel {
             Some(travel) if travel.wavelength != 0.0 => Category::Dispersion,
             _ => self.sender,
         }
@@ -231,9 +231,9 @@ impl RayQueue {
             accounts.resize(self.count.max(accounts.len()), [Category::Reflection; LANES]);
             accounts[last][lane] = sent.account();
         }
-        if let Some(travel) = sent.travel {
+        if let Some(travel) = &sent.travel {
             self.packets[last].time[lane] = travel.time;
-            self.set_travel(lane, &travel);
+            self.set_travel(lane, travel);
         }
         self.filled += 1;
     }

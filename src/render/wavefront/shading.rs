@@ -341,25 +341,31 @@ impl ShadingState<'_, '_> {
     /// truncated.
     ///
     /// `steps` is the number of bounces including this one; it is used where the path itself does not count them.
+    #[inline(always)]
     pub(in crate::render) fn send<const BASIC: bool>(&mut self, sent: &RayWorkItem, steps: u32) {
-        let settings = &self.frame.settings;
         // With dispersion, weights of a single wavelength may be negative.
         let largest = sent.weight.into_iter().map(f32::abs).fold(0.0, f32::max);
         // Drop rays that cannot contribute
-        if !(largest > 0.0) {
-            return;
+        if largest > 0.0 {
+            self.send_within_limits::<BASIC>(sent, steps, largest);
         }
+    }
+
+    /// Queues a ray like [`ShadingState::send`], where `largest` is the largest magnitude of its weight.
+    fn send_within_limits<const BASIC: bool>(&mut self, sent: &RayWorkItem, steps: u32, largest: f32) {
+        let settings = &self.frame.settings;
         if self.effects::<BASIC>().has_random_paths()
-            && let Some(travel) = sent.travel.filter(|travel| travel.bounces > 0)
+            && let Some(travel) = sent.travel.as_ref().filter(|travel| travel.bounces > 0)
         {
-            return self.send_behind_bounce(sent, &travel);
+            return self.send_behind_bounce(sent, travel);
         }
-        let depth = match sent.travel {
+        let depth = match &sent.travel {
             Some(travel) if self.effects::<BASIC>().counts_bounces() => travel.depth,
             _ => steps,
         };
         // Rays of one lobe carry small weights each; compare their sum with the cut-off.
-        let together = sent.travel.filter(|_| !BASIC).map_or(1, |travel| travel.split) as f32;
+        let together = sent.travel.as_ref().filter(|_| !BASIC);
+        let together = together.map_or(1, |travel| travel.split) as f32;
         // Terminate the path and record the lost weight
         if depth > settings.depth || together * largest < settings.weight_cutoff {
             let limit = if depth > settings.depth {

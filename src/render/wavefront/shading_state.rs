@@ -4,7 +4,7 @@ use super::super::aov::{FirstHits, LightSource, TileLayer};
 use super::super::context::RenderContext;
 use super::super::film::{SampleFilm, TileFilm};
 use super::super::profile::{Category, Profiler, TileTruncation};
-use super::super::scattering::{LobeRays, MarchState};
+use super::super::scattering::{BoundaryRays, LobeRays, MarchState};
 use super::super::surface::Surfaces;
 use super::super::tile::Tile;
 use super::ray_queue::{RayQueue, ShadowQueue};
@@ -44,6 +44,8 @@ pub(in crate::render) struct ShadingState<'f, 's> {
     pub(in crate::render) shadow_surfaces: Option<Box<Surfaces>>,
     /// Layers above surfaces, in scenes with clear coats or sheen.
     pub(in crate::render) layer_surfaces: Option<Box<Surfaces>>,
+    /// Working memory for the rays that smooth boundaries scatter.
+    pub(in crate::render) boundary_rays: Vec<BoundaryRays>,
     /// Working memory for the rays into lobes.
     pub(in crate::render) lobe_rays: Vec<LobeRays>,
     /// Photons that cover each lane, with the values of their kernels.
@@ -81,6 +83,7 @@ impl<'f, 's> ShadingState<'f, 's> {
                 .effects()
                 .has_layers()
                 .then(|| Box::new(Surfaces::new(frame.effects()))),
+            boundary_rays: Vec::new(),
             lobe_rays: Vec::new(),
             found_photons: [const { Vec::new() }; LANES],
             marches: frame.marches().then(|| Box::new(MarchState::new(frame))),

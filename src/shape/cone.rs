@@ -12,7 +12,7 @@ use glam::DVec3;
 use super::disk::{flat_point, flat_surface};
 use super::parametrization::{nearest_to_origin, polar, unit_angle};
 use super::span::{Crossings, Span, TwoHits, crossings_of_wall, nearest, report};
-use super::{Implicit, OriginSurface, ShapeHit, ShapePoint, ShapeRay, Side, SurfacePoint};
+use super::{Implicit, LocatedPoint, OriginSurface, ShapeHit, ShapePoint, ShapeRay, Side};
 use crate::numeric::Bounds;
 use crate::numeric::roots::quadratic_roots;
 
@@ -125,7 +125,7 @@ impl Implicit for Cone {
     }
 
     #[inline]
-    fn surface(&self, p: DVec3, part: u32) -> SurfacePoint {
+    fn surface(&self, p: DVec3, part: u32) -> LocatedPoint {
         if part == BASE {
             return flat_surface(p, -1.0, -DVec3::Z);
         }
@@ -139,7 +139,7 @@ impl Implicit for Cone {
         } else {
             DVec3::new(2.0 * cos, 2.0 * sin, 1.0) / 5f64.sqrt()
         };
-        SurfacePoint::new(DVec3::new(radius * cos, radius * sin, z), n, 1.0)
+        LocatedPoint::new(DVec3::new(radius * cos, radius * sin, z), n, 1.0)
     }
 
     #[inline]

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::span::{Crossings, Span, TwoHits, UNIT, nearest, report};
-use super::{Implicit, ShapeHit, ShapePoint, ShapeRay, SurfacePoint};
+use super::{Implicit, LocatedPoint, ShapeHit, ShapePoint, ShapeRay};
 use crate::numeric::Bounds;
 
 /// Axis-aligned cube [-1, 1]³. Part `2 axis` is the face at -1 of that axis, `2 axis + 1` the face at +1; the surface
@@ -59,7 +59,7 @@ impl Implicit for Cube {
     }
 
     #[inline(always)]
-    fn surface(&self, p: DVec3, part: u32) -> SurfacePoint {
+    fn surface(&self, p: DVec3, part: u32) -> LocatedPoint {
         // Select by comparisons, which loops over lanes vectorise, rather than by an index
         let (axis, side) = face(part);
         let (x, y, z) = (axis == 0, axis == 1, axis == 2);
@@ -70,7 +70,7 @@ impl Implicit for Cube {
             if z { side } else { p.z },
         );
         let unit = |is_axis: bool| if is_axis { 1.0 } else { 0.0 };
-        SurfacePoint::new(p, side * DVec3::new(unit(x), unit(y), unit(z)), 1.0)
+        LocatedPoint::new(p, side * DVec3::new(unit(x), unit(y), unit(z)), 1.0)
     }
 
     #[inline]

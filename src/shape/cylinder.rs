@@ -10,7 +10,7 @@ use glam::DVec3;
 use super::disk::{flat_point, flat_surface};
 use super::parametrization::{polar, unit_angle};
 use super::span::{Crossings, Span, TwoHits, UNIT, crossings_of_wall, nearest, report};
-use super::{Implicit, ShapeHit, ShapePoint, ShapeRay, SurfacePoint};
+use super::{Implicit, LocatedPoint, ShapeHit, ShapePoint, ShapeRay};
 use crate::numeric::Bounds;
 use crate::numeric::roots::quadratic_roots;
 
@@ -105,7 +105,7 @@ impl Implicit for Cylinder {
     }
 
     #[inline]
-    fn surface(&self, p: DVec3, part: u32) -> SurfacePoint {
+    fn surface(&self, p: DVec3, part: u32) -> LocatedPoint {
         match part {
             TOP => return flat_surface(p, 1.0, DVec3::Z),
             BOTTOM => return flat_surface(p, -1.0, -DVec3::Z),
@@ -113,7 +113,7 @@ impl Implicit for Cylinder {
         }
         let (_, cos, sin) = polar(p);
         let p = DVec3::new(cos, sin, p.z.clamp(-1.0, 1.0));
-        SurfacePoint::new(p, DVec3::new(cos, sin, 0.0), 1.0)
+        LocatedPoint::new(p, DVec3::new(cos, sin, 0.0), 1.0)
     }
 
     #[inline]

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::span::{Crossings, NO_HIT, TwoHits, nearest, report};
-use super::{Implicit, ShapeHit, ShapePoint, ShapeRay, SurfacePoint, plane};
+use super::{Implicit, LocatedPoint, ShapeHit, ShapePoint, ShapeRay, plane};
 use crate::numeric::Bounds;
 
 /// Unit disk in the plane z = 0. Its positive side is +z; its surface coordinates are those of the square around it, (x
@@ -45,7 +45,7 @@ impl Implicit for Disk {
     }
 
     #[inline(always)]
-    fn surface(&self, p: DVec3, _part: u32) -> SurfacePoint {
+    fn surface(&self, p: DVec3, _part: u32) -> LocatedPoint {
         flat_surface(p, 0.0, DVec3::Z)
     }
 }
@@ -61,8 +61,8 @@ pub(super) fn flat_point(p: DVec3, z: f64, n: DVec3) -> ShapePoint {
 
 /// Returns position and normal of [`flat_point`].
 #[inline(always)]
-pub(super) fn flat_surface(p: DVec3, z: f64, n: DVec3) -> SurfacePoint {
-    SurfacePoint::new(DVec3::new(p.x, p.y, z), n, 1.0)
+pub(super) fn flat_surface(p: DVec3, z: f64, n: DVec3) -> LocatedPoint {
+    LocatedPoint::new(DVec3::new(p.x, p.y, z), n, 1.0)
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@
 use glam::DVec3;
 
 use super::span::{Crossings, Span, TwoHits};
-use super::{Cube, Disk, Implicit, Plane, Polyhedron, Quad, Shape, ShapeHit, ShapeRay, Sphere, SurfacePoint};
+use super::{Cube, Disk, Implicit, LocatedPoint, Plane, Polyhedron, Quad, Shape, ShapeHit, ShapeRay, Sphere};
 use crate::numeric::{LANES, Lanes, Lanes3};
 
 /// Hits of sixteen rays, each in the object space of what it hits. Lanes without a hit may hold any values.
@@ -26,9 +26,9 @@ pub(crate) struct ObjectHitPacket {
     pub(crate) at: Lanes3<f64>,
     /// Points on the surface.
     pub(crate) p: Lanes3<f64>,
-    /// Unit normals, as in [`SurfacePoint::n`].
+    /// Unit normals, as in [`LocatedPoint::n`].
     pub(crate) n: Lanes3<f64>,
-    /// Error bounds of the points, as in [`SurfacePoint::error`].
+    /// Error bounds of the points, as in [`LocatedPoint::error`].
     pub(crate) error: Lanes3<f64>,
 }
 
@@ -183,7 +183,7 @@ impl ObjectHitPacket {
 
     /// Stores the point of lane `l` if the lane is in `mask`.
     #[inline(always)]
-    pub(crate) fn store(&mut self, l: usize, mask: &Lanes<bool>, point: &SurfacePoint) {
+    pub(crate) fn store(&mut self, l: usize, mask: &Lanes<bool>, point: &LocatedPoint) {
         set_masked(&mut self.p, l, mask, point.p);
         set_masked(&mut self.n, l, mask, point.n);
         set_masked(&mut self.error, l, mask, point.error.0);

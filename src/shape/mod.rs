@@ -129,7 +129,7 @@ pub struct ShapeHit {
 
 /// Position and normal of a surface point, in object space.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SurfacePoint {
+pub struct LocatedPoint {
     /// Position, projected onto the surface.
     pub p: DVec3,
     /// Outward unit normal, as in [`ShapePoint::n`].
@@ -158,13 +158,13 @@ pub struct ShapePoint {
 /// Largest error of the f64 projection onto a surface of unit size: 8 roundings of 2^-53.
 const PROJECTION_ERROR: f64 = 8.0 / (1u64 << 53) as f64;
 
-impl SurfacePoint {
+impl LocatedPoint {
     /// Creates a point with its error bound: rounding to f32, and the roundings of the projection relative to the
     /// larger of `size` and the coordinates.
     #[inline(always)]
-    fn new(p: DVec3, n: DVec3, size: f64) -> SurfacePoint {
+    fn new(p: DVec3, n: DVec3, size: f64) -> LocatedPoint {
         let projection = PROJECTION_ERROR * p.abs().max_element().max(size);
-        SurfacePoint {
+        LocatedPoint {
             p,
             n,
             error: HitErrorBound(HitErrorBound::of_exact_point(p).0 + DVec3::splat(projection)),
@@ -202,9 +202,9 @@ pub trait Implicit {
 
     /// Returns position and normal of [`Implicit::point`], to identical bits.
     #[inline]
-    fn surface(&self, p: DVec3, part: u32) -> SurfacePoint {
+    fn surface(&self, p: DVec3, part: u32) -> LocatedPoint {
         let ShapePoint { p, n, error, .. } = self.point(p, part);
-        SurfacePoint { p, n, error }
+        LocatedPoint { p, n, error }
     }
 
     /// Returns whether the surface encloses a volume; false for open surfaces.
@@ -303,7 +303,7 @@ impl Implicit for Shape {
     }
 
     #[inline]
-    fn surface(&self, p: DVec3, part: u32) -> SurfacePoint {
+    fn surface(&self, p: DVec3, part: u32) -> LocatedPoint {
         forward!(self, shape => shape.surface(p, part))
     }
 

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::span::{Crossings, NO_HIT, TwoHits, nearest, report};
-use super::{Implicit, ShapeHit, ShapePoint, ShapeRay, SurfacePoint};
+use super::{Implicit, LocatedPoint, ShapeHit, ShapePoint, ShapeRay};
 use crate::numeric::Bounds;
 
 /// Unbounded plane z = 0; its positive side is +z, its surface coordinates are x and y.
@@ -55,8 +55,8 @@ impl Implicit for Plane {
     }
 
     #[inline(always)]
-    fn surface(&self, p: DVec3, _part: u32) -> SurfacePoint {
-        SurfacePoint::new(DVec3::new(p.x, p.y, 0.0), DVec3::Z, 1.0)
+    fn surface(&self, p: DVec3, _part: u32) -> LocatedPoint {
+        LocatedPoint::new(DVec3::new(p.x, p.y, 0.0), DVec3::Z, 1.0)
     }
 }
 

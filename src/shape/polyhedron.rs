@@ -9,7 +9,7 @@ use glam::{DMat3, DVec3};
 
 use super::parametrization::tangents;
 use super::span::{Crossings, Span, nearest, report};
-use super::{Implicit, OriginSurface, ShapeHit, ShapePoint, ShapeRay, Side, SurfacePoint};
+use super::{Implicit, LocatedPoint, OriginSurface, ShapeHit, ShapePoint, ShapeRay, Side};
 use crate::numeric::Bounds;
 
 /// Half-space of the points with `n · x <= h`.
@@ -345,11 +345,11 @@ impl Implicit for Polyhedron {
     }
 
     #[inline]
-    fn surface(&self, p: DVec3, part: u32) -> SurfacePoint {
+    fn surface(&self, p: DVec3, part: u32) -> LocatedPoint {
         let last = self.half_spaces.len() - 1;
         let face = self.half_spaces[(part as usize).min(last)];
         let p = p - face.excess(p) * face.n;
-        SurfacePoint::new(p, face.n, self.bounds.magnitude())
+        LocatedPoint::new(p, face.n, self.bounds.magnitude())
     }
 
     #[inline]

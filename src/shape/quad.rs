@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::disk::{flat_point, flat_surface};
 use super::span::{Crossings, NO_HIT, TwoHits, nearest, report};
-use super::{Implicit, ShapeHit, ShapePoint, ShapeRay, SurfacePoint, plane};
+use super::{Implicit, LocatedPoint, ShapeHit, ShapePoint, ShapeRay, plane};
 use crate::numeric::Bounds;
 
 /// Square [-1, 1]² in the plane z = 0. Its positive side is +z; its surface coordinates cover [0, 1]².
@@ -45,7 +45,7 @@ impl Implicit for Quad {
     }
 
     #[inline(always)]
-    fn surface(&self, p: DVec3, _part: u32) -> SurfacePoint {
+    fn surface(&self, p: DVec3, _part: u32) -> LocatedPoint {
         flat_surface(p, 0.0, DVec3::Z)
     }
 }

@@ -7,7 +7,7 @@ use glam::DVec3;
 
 use super::parametrization::nearest_to_origin;
 use super::span::{Crossings, NO_HIT, NO_HITS, Span, nearest, report};
-use super::{Implicit, ShapeHit, ShapePoint, ShapeRay, Side, SurfacePoint};
+use super::{Implicit, LocatedPoint, ShapeHit, ShapePoint, ShapeRay, Side};
 use crate::numeric::Bounds;
 use crate::numeric::roots::quadratic_roots;
 
@@ -181,7 +181,7 @@ impl Implicit for Quadric {
             span * (DVec3::AXES[axis] - slope * DVec3::AXES[along])
         };
         let tangents = [tangent(right, spans[0]), tangent(up, spans[1])];
-        SurfacePoint::new(p, g.normalize_or(DVec3::Z), self.clip.magnitude()).parametrized(uv, tangents)
+        LocatedPoint::new(p, g.normalize_or(DVec3::Z), self.clip.magnitude()).parametrized(uv, tangents)
     }
 }
 

@@ -11,7 +11,7 @@ use glam::DVec3;
 
 use super::parametrization::{nearest_to_origin, polar, unit_angle};
 use super::span::{Crossings, Span, nearest, report};
-use super::{Implicit, ShapeHit, ShapePoint, ShapeRay, SurfacePoint};
+use super::{Implicit, LocatedPoint, ShapeHit, ShapePoint, ShapeRay};
 use crate::numeric::roots::quadratic_roots;
 use crate::numeric::{Bounds, DoubleDouble};
 
@@ -255,9 +255,9 @@ impl Implicit for Sphere {
     }
 
     #[inline(always)]
-    fn surface(&self, p: DVec3, _part: u32) -> SurfacePoint {
+    fn surface(&self, p: DVec3, _part: u32) -> LocatedPoint {
         let n = self.normal(p);
-        SurfacePoint::new(self.center + self.radius * n, n, self.radius)
+        LocatedPoint::new(self.center + self.radius * n, n, self.radius)
     }
 
     #[inline]

@@ -11,7 +11,7 @@ use std::f64::consts::TAU;
 use glam::DVec3;
 
 use super::parametrization::{nearest_to_origin, polar, unit_angle};
-use super::{Implicit, ShapeHit, ShapePoint, ShapeRay, Side, SurfacePoint};
+use super::{Implicit, LocatedPoint, ShapeHit, ShapePoint, ShapeRay, Side};
 use crate::numeric::Bounds;
 use crate::numeric::roots::{cubic_sign_changes, quartic_sign_changes};
 
@@ -204,7 +204,7 @@ impl Implicit for Torus {
         let dpdv = TAU * r * DVec3::new(-up * cos, -up * sin, out);
         let p = DVec3::new(rho * cos, rho * sin, r * up);
         let uv = [unit_angle(cos, sin), unit_angle(out, up)];
-        SurfacePoint::new(p, n, 1.0).parametrized(uv, [dpdu, dpdv])
+        LocatedPoint::new(p, n, 1.0).parametrized(uv, [dpdu, dpdv])
     }
 
     #[inline]

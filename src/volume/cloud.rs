@@ -109,6 +109,7 @@ impl CloudShape {
     /// Returns the mean densities at the points `p`; `q` is `p` in cells of noise.
     #[inline(always)]
     fn means<const N: usize>(self, p: &[[f64; N]; 3], q: &[[f64; N]; 3]) -> [f64; N] {
+        // A layer has one density everywhere
         let mut means = [0.5; N];
         match self {
             CloudShape::Layer => {}
@@ -152,6 +153,7 @@ fn middle(i: usize, count: usize) -> f64 {
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
 fn fill_row(cloud: &Cloud, [y, z]: [f64; 2], row: &mut [f32]) {
+    // Take sixteen voxels at a time, the last ones with lanes that are not stored
     let count = row.len();
     for (first, voxels) in row.chunks_mut(LANES).enumerate() {
         let mut p = [[0.0; LANES], [y; LANES], [z; LANES]];

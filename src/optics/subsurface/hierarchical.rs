@@ -53,6 +53,7 @@ fn gather(tree: &IrradianceTree, p: &Lanes3<f64>, mask: &Lanes<bool>) -> Exitanc
             moved[axis][l] = (p[axis][l] - tree.origin[axis]) as f32;
         }
     }
+    // Start all points at the root
     let mut packet = ExitancePacket {
         sums: [[0.0; LANES]; 3],
         evaluation_counts: [0; LANES],
@@ -62,6 +63,7 @@ fn gather(tree: &IrradianceTree, p: &Lanes3<f64>, mask: &Lanes<bool>) -> Exitanc
         far: [0; LANES],
         near: [0; LANES],
     };
+    // Walk the octree, skipping the subtrees that are far from all points
     let mut n = 0;
     while let Some(node) = tree.nodes.get(n as usize) {
         let next = walk.visit(&moved, n, node);

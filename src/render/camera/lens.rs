@@ -68,6 +68,7 @@ impl RenderContext<'_> {
 
     /// Returns the random pairs for the samples of a packet.
     fn numbers(&self, block: &Block, group: &SampleGroup, purpose: Purpose) -> [Lanes<f64>; 2] {
+        // Transpose the pixels of the lanes
         let pixels: Lanes<[u32; 2]> = std::array::from_fn(|l| self.pixel(block, l));
         let pixels = [0, 1].map(|axis| pixels.map(|pixel| pixel[axis]));
         number_packet(&pixels, &group.sample, purpose.seeded(self.settings.seed))

@@ -202,6 +202,7 @@ impl ShadowRays<'_> {
             if packet.active[l] == 0 || instance == NO_HIT || !is_opaque(frame, instance) {
                 continue;
             }
+            // Remove the radiance and deactivate the lane
             (0..3).for_each(|c| self.radiance[c][l] = 0.0);
             if let Some(lobes) = &mut self.lobe_radiance {
                 (0..3).for_each(|c| lobes[c][l] = 0.0);
@@ -256,6 +257,7 @@ impl ShadowRays<'_> {
 fn is_opaque(frame: &RenderContext, instance: u32) -> bool {
     let effects = frame.effects();
     let material = &frame.scene.materials[frame.scene.instances[instance as usize].material as usize];
+    // Alpha lets light through where its effect is simulated
     let has_gaps = match material.alpha {
         AlphaMode::Opaque => false,
         AlphaMode::Mask(_) => effects.has(Effect::AlphaTest),

@@ -13,7 +13,7 @@ use super::vertex_fetch::FetchedVertices;
 use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{HitErrorBound, LANES, Lanes, Lanes3, transform_normal, triangle_spawn_error};
 use crate::scene::{Instance, InstanceTransform};
-use crate::shape::{Implicit, ObjectHitPacket, Shape, Sphere, SurfacePoint, set_masked, set_vector, vector};
+use crate::shape::{Implicit, LocatedPoint, ObjectHitPacket, Shape, Sphere, set_masked, set_vector, vector};
 
 /// Working memory for the hits of a packet that are not on world-space triangles.
 pub(super) struct PlacedHits {
@@ -243,7 +243,7 @@ impl PlacedHits {
             let (a, b, c) = (corner(0), corner(1), corner(2));
             let (e1, e2) = (b - a, c - a);
             let (u, v) = (f64::from(packet.u[l]), f64::from(packet.v[l]));
-            let point = SurfacePoint {
+            let point = LocatedPoint {
                 p: a + u * e1 + v * e2,
                 n: e1.cross(e2).normalize_or_zero(),
                 error: triangle_spawn_error(a.as_vec3(), e1.as_vec3(), e2.as_vec3()),

@@ -322,6 +322,7 @@ impl SurfaceScene<'_> {
                 mask[l] = left[l] & (packet.instance[l] == instance) & (is_same || l == first);
                 left[l] &= !mask[l];
             }
+            // Transform their points and footprints by rows of the matrix
             let object_from_world = self.pose(packet, first).object_from_world();
             let rows = object_from_world.matrix3.transpose();
             for (axis, row) in [rows.x_axis, rows.y_axis, rows.z_axis].into_iter().enumerate() {

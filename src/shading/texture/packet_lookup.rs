@@ -63,7 +63,7 @@ impl PacketLookup {
 /// Way in which a texture is looked up at sixteen points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum LookupMethod {
-    /// By [`TextureSet::sample_packet`].
+    /// Image or constant colour, by [`TextureSet::sample_packet`].
     Image,
     /// By [`TextureSet::sample_pattern`], with points in this space.
     Pattern(Space),

@@ -20,7 +20,7 @@ use crate::scene::{Pattern, Procedural, Space, UvTransform};
 /// Points of sixteen lookups in the space of a pattern, before its scale.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct PatternPacket {
-    /// Looked up points.
+    /// Points that are looked up.
     pub(crate) p: Lanes3<f64>,
     /// Axes of the rays' footprints as full lengths, the longer first.
     pub(crate) axes: [Lanes3<f64>; 2],
@@ -78,6 +78,7 @@ pub(super) fn sample_packet(
         counts[l] = if mask[l] { count } else { 1.0 };
         most = most.max(counts[l]);
     }
+    // Cover the footprint by the widths of the boxes
     let mut width = [[0.0; LANES]; 3];
     for axis in 0..3 {
         for l in 0..LANES {
@@ -104,6 +105,7 @@ pub(super) fn sample_packet(
             }
         }
     }
+    // Divide by their number
     for l in 0..LANES {
         texels[l] = std::array::from_fn(|channel| sums[channel][l] / counts[l] as f32);
     }
@@ -172,6 +174,7 @@ fn scaled_weights<const N: usize>(
     p: &[[f64; N]; 3],
     width: &[[f64; N]; 3],
 ) -> [f32; N] {
+    // Scale points and boxes, and keep both in the range of the patterns
     let mut scaled = [[0.0; N]; 3];
     let mut sides = [[0.0; N]; 3];
     for axis in 0..3 {

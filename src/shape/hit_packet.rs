@@ -19,8 +19,9 @@ pub(crate) struct ObjectHitPacket {
     pub(crate) reported: Lanes<f64>,
     /// Parts of the shapes that were hit.
     pub(crate) part: Lanes<u32>,
-    /// Centres and radii of the spheres, in the lanes that hit one.
+    /// Centres of the spheres, in the lanes that hit one.
     center: Lanes3<f64>,
+    /// Radii of these spheres.
     radius: Lanes<f64>,
     /// Points of the rays at the recomputed parameters, before their projection onto the surface.
     pub(crate) at: Lanes3<f64>,
@@ -207,7 +208,9 @@ impl ObjectHitPacket {
 
 /// Intervals of sixteen rays, as structure of arrays.
 struct SpanLanes {
+    /// Parameters of the entries and the exits.
     t: [Lanes<f64>; 2],
+    /// Parts of the surface at the entries and the exits.
     part: [Lanes<u32>; 2],
 }
 

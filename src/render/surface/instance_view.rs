@@ -44,7 +44,8 @@ pub(super) struct PointsView<'s> {
 }
 
 impl InstanceView<'_> {
-    /// Returns whether hits need the scalar path: analytic shapes, points and transformed instances.
+    /// Returns whether hits are computed with the transform of the instance: on analytic shapes, points and transformed
+    /// meshes.
     pub(super) fn needs_scalar_path(&self) -> bool {
         self.is_placed || self.is_shape()
     }

@@ -43,6 +43,7 @@ pub(in crate::render) struct SurfaceScene<'s> {
 /// Working memory for the surface interactions of a packet, reused from packet to packet.
 pub(in crate::render) struct Surfaces {
     gathered: FetchedVertices,
+    /// Working memory for hits on analytic shapes and transformed instances.
     placed: Box<PlacedHits>,
     /// Hit points and normals of the lanes.
     pub(in crate::render) points: SurfacePacket,

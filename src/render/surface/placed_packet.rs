@@ -17,7 +17,9 @@ use crate::shape::{Implicit, LocatedPoint, ObjectHitPacket, Shape, Sphere, set_m
 
 /// Working memory for the hits of a packet that are not on world-space triangles.
 pub(super) struct PlacedHits {
+    /// Transforms of the instances that were hit.
     transforms: TransformLanes,
+    /// Rays and hits in object space.
     object: ObjectHitPacket,
     /// Lanes that hit an analytic shape or a transformed triangle.
     mask: Lanes<bool>,
@@ -26,6 +28,7 @@ pub(super) struct PlacedHits {
 }
 
 impl PlacedHits {
+    /// Memory before its first packet.
     pub(super) const ZERO: PlacedHits = PlacedHits {
         transforms: TransformLanes::IDENTITY,
         object: ObjectHitPacket::ZERO,
@@ -36,7 +39,9 @@ impl PlacedHits {
 
 /// Transforms of the instances that sixteen rays hit.
 struct TransformLanes {
+    /// Maps from object space to world space.
     world_from_object: AffineLanes,
+    /// Maps from world space to object space.
     object_from_world: AffineLanes,
     /// Lanes whose object space is world space.
     is_identity: Lanes<bool>,
@@ -46,6 +51,7 @@ struct TransformLanes {
 struct AffineLanes([Lanes3<f64>; 4]);
 
 impl AffineLanes {
+    /// Maps that leave points unchanged.
     const IDENTITY: AffineLanes = AffineLanes([
         [[1.0; LANES], [0.0; LANES], [0.0; LANES]],
         [[0.0; LANES], [1.0; LANES], [0.0; LANES]],
@@ -81,6 +87,7 @@ impl AffineLanes {
 }
 
 impl TransformLanes {
+    /// Transforms of instances whose object space is world space.
     const IDENTITY: TransformLanes = TransformLanes {
         world_from_object: AffineLanes::IDENTITY,
         object_from_world: AffineLanes::IDENTITY,
@@ -106,7 +113,9 @@ impl TransformLanes {
 
 /// Instances of a scene with their shading data.
 pub(super) struct ViewedInstances<'a> {
+    /// Instances of the scene.
     pub(super) instances: &'a [Instance],
+    /// Shading data of each instance.
     pub(super) views: &'a [InstanceView<'a>],
     /// Instance of all hits, if they have one in common.
     pub(super) only: Option<u32>,

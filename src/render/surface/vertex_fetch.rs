@@ -25,7 +25,7 @@ pub(super) struct FetchedVertices {
     pub(super) normals: [Lanes3<f32>; 3],
     /// Lanes whose triangle has vertex normals; the others are flat.
     pub(super) smooth: Lanes<bool>,
-    /// True if some lanes are not world-space triangles, so that they need the path of single transforms.
+    /// True if some lanes are not world-space triangles, but are computed with the transforms of their instances.
     pub(super) needs_scalar_path: bool,
     /// True if some lanes are world-space triangles.
     pub(super) has_world_triangles: bool,

@@ -263,5 +263,6 @@ fn is_opaque(frame: &RenderContext, instance: u32) -> bool {
         AlphaMode::Mask(_) => effects.has(Effect::AlphaTest),
         AlphaMode::Blend => effects.has(Effect::AlphaBlend),
     };
-    !has_gaps && !(effects.has(Effect::Refraction) && material.transmits())
+    let transmits = effects.has(Effect::Refraction) && material.transmits();
+    !(has_gaps || transmits)
 }

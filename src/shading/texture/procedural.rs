@@ -37,10 +37,15 @@ impl PatternPacket {
     #[inline(always)]
     pub(crate) fn set_coordinates(&mut self, points: &UvPacket, transform: &UvTransform) {
         let points = points.transformed(transform);
-        let wide = |[u, v]: &[Lanes<f32>; 2]| [u.map(f64::from), v.map(f64::from), [0.0; LANES]];
         self.p = wide(&points.uv);
         self.axes = points.axes.each_ref().map(wide);
     }
+}
+
+/// Returns texture coordinates as points of the plane z = 0.
+#[inline(always)]
+fn wide([u, v]: &[Lanes<f32>; 2]) -> Lanes3<f64> {
+    [u.map(f64::from), v.map(f64::from), [0.0; LANES]]
 }
 
 /// Returns the linear RGBA at `p`, in the pattern's space but before its scale, averaged over a box of sides `width`

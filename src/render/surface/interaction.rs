@@ -20,7 +20,7 @@ use super::texture_eval::{TextureLanes, TexturedHits, evaluate_textures};
 use super::vertex_fetch::FetchedVertices;
 use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3, SpawnPolicy, triangle_spawn_bound};
-use crate::scene::{Effect, EffectSet, InstanceTransform, Material, Scene};
+use crate::scene::{Effect, EffectSet, Instance, InstanceTransform, Material, Scene};
 use crate::shading::{MaterialPacket, TextureSet};
 use crate::shape::{Shape, vector};
 
@@ -342,9 +342,9 @@ impl<'s> SurfaceScene<'s> {
         self.scene.instances[packet.instance[l] as usize].pose(packet.time[l])
     }
 
-    /// Returns whether the transform of an instance depends on time.
-    pub(super) fn is_moving(&self, instance: u32) -> bool {
-        self.scene.instances[instance as usize].is_moving()
+    /// Returns the instances of the scene.
+    pub(super) fn instances(&self) -> &[Instance] {
+        &self.scene.instances
     }
 
     /// Returns the shading data of an instance.

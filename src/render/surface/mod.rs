@@ -3,6 +3,7 @@
 mod cone_source;
 mod instance_view;
 mod interaction;
+mod object_points;
 mod packet;
 mod placed_packet;
 mod shape_hit;

@@ -10,6 +10,7 @@ use multiversion::multiversion;
 use super::cone_source::ConeSource;
 use super::instance_view::InstanceView;
 use super::interaction::SurfaceScene;
+use super::object_points::set_object_points;
 use super::packet::{SurfacePacket, lane};
 use super::texel_inputs::{DEFAULT_DIRECTIONS, apply_extended, apply_layer, scale, tint};
 use super::uv_frame::UvFrame;
@@ -275,7 +276,8 @@ impl SurfaceScene<'_> {
                 return images.texels();
             }
             LookupMethod::Pattern(Space::Object) => {
-                self.set_object_points(hits, points, pattern);
+                let hit = (hits.packet, hits.mask);
+                set_object_points(self.instances(), hit, (hits.footprints.axes(), points), pattern);
                 return self
                     .textures()
                     .sample_pattern(texture, pattern, hits.mask, images);
@@ -303,45 +305,6 @@ impl SurfaceScene<'_> {
         let encoding = layer.parameter.encoding();
         self.textures()
             .sample_packet(&layer.texture, encoding, uv, hits.mask, images)
-    }
-
-    /// Sets the points of the lanes in `hits` in object space, slightly below the surface, because a face of the solid
-    /// may lie exactly between two cells of a procedural pattern; and the footprints there.
-    #[inline(always)]
-    fn set_object_points(&self, hits: &MaterialHits, points: &SurfacePacket, out: &mut PatternPacket) {
-        let packet = hits.packet;
-        let [longer, shorter] = hits.footprints.axes();
-        let mut left = *hits.mask;
-        // Take the lanes of one transform after the other
-        while let Some(first) = left.iter().position(|&is_left| is_left) {
-            let instance = packet.instance[first];
-            let is_moving = self.is_moving(instance);
-            let mut mask = [false; LANES];
-            for l in first..LANES {
-                let is_same = !is_moving || packet.time[l] == packet.time[first];
-                mask[l] = left[l] & (packet.instance[l] == instance) & (is_same || l == first);
-                left[l] &= !mask[l];
-            }
-            // Transform their points and footprints by rows of the matrix
-            let object_from_world = self.pose(packet, first).object_from_world();
-            let rows = object_from_world.matrix3.transpose();
-            for (axis, row) in [rows.x_axis, rows.y_axis, rows.z_axis].into_iter().enumerate() {
-                let offset = object_from_world.translation[axis];
-                for l in 0..LANES {
-                    let carved = |axis: usize| {
-                        let outward = f64::from(points.ng[axis][l]);
-                        let inward = if points.front[l] { -outward } else { outward };
-                        points.p[axis][l] + inward * points.error[l]
-                    };
-                    let turned = |x: f64, y: f64, z: f64| x * row.x + y * row.y + z * row.z;
-                    let p = turned(carved(0), carved(1), carved(2)) + offset;
-                    let [long, short] = [longer, shorter].map(|v| turned(v[0][l], v[1][l], v[2][l]));
-                    out.p[axis][l] = if mask[l] { p } else { out.p[axis][l] };
-                    out.axes[0][axis][l] = if mask[l] { long } else { out.axes[0][axis][l] };
-                    out.axes[1][axis][l] = if mask[l] { short } else { out.axes[1][axis][l] };
-                }
-            }
-        }
     }
 
     /// Looks a texture up lane by lane: an image that is too large for packets.

@@ -227,19 +227,9 @@ fn sum_probes<C: TexelSource>(
 /// Returns the bilinear blend of the four texels of lane `l`.
 #[inline(always)]
 fn blend_texels<T: TexelSource>(taps: &Taps, source: &T, l: usize) -> Vec4 {
-    let step = taps.step[l];
-    let row = |row: usize| {
-        let first = taps.first[row][l];
-        match step {
-            1 => source.pair(first as usize),
-            _ => {
-                let [a, b] = [first, first.wrapping_add(step)].map(|index| source.texel(index as usize));
-                [a.x, a.y, a.z, a.w, b.x, b.y, b.z, b.w]
-            }
-        }
-    };
     // Blend both columns at once, then the columns
-    let (top, bottom, down) = (row(0), row(1), taps.down[l]);
+    let (top, bottom) = (row_texels(taps, source, (0, l)), row_texels(taps, source, (1, l)));
+    let down = taps.down[l];
     let mut columns = [0.0; 8];
     for i in 0..8 {
         columns[i] = top[i] + (bottom[i] - top[i]) * down;
@@ -247,6 +237,19 @@ fn blend_texels<T: TexelSource>(taps: &Taps, source: &T, l: usize) -> Vec4 {
     let [a, b, c, d, e, f, g, h] = columns;
     let (left, right) = (Vec4::new(a, b, c, d), Vec4::new(e, f, g, h));
     (left + (right - left) * taps.across[l]) * T::SCALE
+}
+
+/// Returns the two texels of a row of lane `l`. No closure: one that is not inlined would be compiled for the lowest
+/// instruction set.
+#[inline(always)]
+fn row_texels<T: TexelSource>(taps: &Taps, source: &T, (row, l): (usize, usize)) -> [f32; 8] {
+    let (first, step) = (taps.first[row][l], taps.step[l]);
+    if step == 1 {
+        return source.pair(first as usize);
+    }
+    let a = source.texel(first as usize);
+    let b = source.texel(first.wrapping_add(step) as usize);
+    [a.x, a.y, a.z, a.w, b.x, b.y, b.z, b.w]
 }
 
 /// Texels of one mip level as four values, which are linear RGBA after multiplication by `SCALE`.

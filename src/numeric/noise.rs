@@ -82,6 +82,7 @@ pub(crate) fn noise_at<const N: usize>(p: &[[f64; N]; 3]) -> [f64; N] {
 fn period_index(cell: f64) -> usize {
     /// From here up to its double, numbers are integers in the low bits of the significand.
     const INTEGERS: f64 = (1u64 << 52) as f64;
+    // Subtract whole periods, which is exact
     let index = cell - 256.0 * (cell * (1.0 / 256.0)).floor();
     ((index + INTEGERS).to_bits() & 255) as usize
 }

@@ -4,6 +4,7 @@
 
 use std::collections::HashSet;
 
+use super::effect::{Effect, EffectSet};
 use super::material_layer::{Anisotropy, Clearcoat, Iridescence, Sheen};
 use super::texture::MaterialInput;
 use super::{Scene, TextureBinding};
@@ -151,6 +152,16 @@ pub enum AlphaMode {
 }
 
 impl AlphaMode {
+    /// Returns whether the fourth channel of the base colour counts, with these effects.
+    #[inline(always)]
+    pub fn is_simulated(self, effects: EffectSet) -> bool {
+        match self {
+            AlphaMode::Opaque => false,
+            AlphaMode::Mask(_) => effects.has(Effect::AlphaTest),
+            AlphaMode::Blend => effects.has(Effect::AlphaBlend),
+        }
+    }
+
     /// Returns the opacity of the surface for the fourth channel of its base colour.
     #[inline(always)]
     pub fn coverage(self, alpha: f32) -> f32 {

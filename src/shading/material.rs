@@ -2,7 +2,7 @@
 
 use super::{LayerLanes, LobeAlbedo, SheenLanes};
 use crate::numeric::{LANES, Lanes, Lanes3};
-use crate::scene::{AlphaMode, Effect, EffectSet, Material, MetallicRoughness, Model, Phong, Translucency};
+use crate::scene::{Effect, EffectSet, Material, MetallicRoughness, Model, Phong, Translucency};
 
 /// Material parameters of sixteen points.
 ///
@@ -257,12 +257,7 @@ impl MaterialPacket {
     /// Returns the coverage of a surface of `material` whose base colour has the alpha value `alpha`.
     #[inline(always)]
     pub fn coverage(&self, material: &Material, alpha: f32) -> f32 {
-        let counts = match material.alpha {
-            AlphaMode::Opaque => false,
-            AlphaMode::Mask(_) => self.effects.has(Effect::AlphaTest),
-            AlphaMode::Blend => self.effects.has(Effect::AlphaBlend),
-        };
-        if counts {
+        if material.alpha.is_simulated(self.effects) {
             material.alpha.coverage(alpha)
         } else {
             1.0

@@ -85,6 +85,7 @@ impl Walk {
     /// node at which some point takes part.
     #[inline(always)]
     fn visit(&mut self, p: &Lanes3<f32>, n: u32, node: &OctreeNode) -> u32 {
+        // Points for which the cell is far go on behind its subtree
         let behind = n + node.node_count;
         let mut next = u32::MAX;
         for l in 0..LANES {

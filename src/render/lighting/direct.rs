@@ -388,14 +388,14 @@ fn start_behind(lit: &ShadingContext, wi: &Lanes3<f32>, shadow_rays: &mut RayPac
 
 /// Aims shadow rays along directions, with infinite length.
 #[inline(always)]
-fn aim_along(wi: &Lanes3<f32>, shadow_rays: &mut RayPacket) {
+pub(in crate::render) fn aim_along(wi: &Lanes3<f32>, shadow_rays: &mut RayPacket) {
     shadow_rays.direction = *wi;
     shadow_rays.t_far = [f32::INFINITY; LANES];
 }
 
 /// Aims shadow rays at points, which are at t = 1 exactly, so that nothing behind them can occlude.
 #[inline(always)]
-fn aim_at(points: &Lanes3<f64>, shadow_rays: &mut RayPacket) {
+pub(in crate::render) fn aim_at(points: &Lanes3<f64>, shadow_rays: &mut RayPacket) {
     // Subtract in f64 from the rounded origin, so that the ray ends at the point
     for axis in 0..3 {
         for l in 0..LANES {

@@ -13,7 +13,7 @@ use super::direct;
 use crate::accel::{Coherence, MAX_BATCH, NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::optics::LINE_D;
-use crate::scene::{AlphaMode, Effect};
+use crate::scene::Effect;
 
 /// Largest number of surfaces that a shadow ray passes before it counts as occluded; no real material leaves any
 /// light behind so many.
@@ -257,12 +257,6 @@ impl ShadowRays<'_> {
 fn is_opaque(frame: &RenderContext, instance: u32) -> bool {
     let effects = frame.effects();
     let material = &frame.scene.materials[frame.scene.instances[instance as usize].material as usize];
-    // Alpha lets light through where its effect is simulated
-    let has_gaps = match material.alpha {
-        AlphaMode::Opaque => false,
-        AlphaMode::Mask(_) => effects.has(Effect::AlphaTest),
-        AlphaMode::Blend => effects.has(Effect::AlphaBlend),
-    };
     let transmits = effects.has(Effect::Refraction) && material.transmits();
-    !(has_gaps || transmits)
+    !(material.alpha.is_simulated(effects) || transmits)
 }

@@ -301,19 +301,9 @@ fn sample_light(
     }
     // Aim the shadow rays from the f32 origins
     match light.kind {
-        LightKind::Directional { .. } => {
-            packet.direction = arriving.wi;
-            packet.t_far = [f32::INFINITY; LANES];
-        }
-        // The light is at t = 1 exactly
+        LightKind::Directional { .. } => direct::aim_along(&arriving.wi, packet),
         LightKind::Point { position, .. } | LightKind::Spot { position, .. } => {
-            for axis in 0..3 {
-                for l in 0..LANES {
-                    let offset = position[axis] - f64::from(packet.origin[axis][l]);
-                    packet.direction[axis][l] = offset as f32;
-                }
-            }
-            packet.t_far = [1.0; LANES];
+            direct::aim_at(&position.to_array().map(|axis| [axis; LANES]), packet);
         }
         // Area lights are sampled point by point
         LightKind::Area { .. } => return false,

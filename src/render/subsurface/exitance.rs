@@ -25,6 +25,7 @@ impl ShadingState<'_, '_> {
             let Some(body) = body_of(first) else { break };
             let instance = traced.packet.instance[first];
             let mask: Lanes<bool> = std::array::from_fn(|l| left[l] && traced.packet.instance[l] == instance);
+            // Gather the light that leaves the body at all of its hits
             let exitance = body.tree.radiant_exitances(&points.p, &mask);
             for l in (0..LANES).filter(|&l| mask[l]) {
                 left[l] = false;

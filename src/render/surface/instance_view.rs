@@ -46,7 +46,7 @@ pub(super) struct PointsView<'s> {
 impl InstanceView<'_> {
     /// Returns whether hits are computed with the transform of the instance: on analytic shapes, points and transformed
     /// meshes.
-    pub(super) fn needs_scalar_path(&self) -> bool {
+    pub(super) fn needs_object_space(&self) -> bool {
         self.is_placed || self.is_shape()
     }
 

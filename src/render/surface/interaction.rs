@@ -166,20 +166,20 @@ impl<'s> SurfaceScene<'s> {
         let only = common
             .instance
             .and_then(|instance| self.views.get(instance as usize));
-        gathered.needs_scalar_path = false;
-        gathered.has_world_triangles = only.is_some_and(|view| !view.needs_scalar_path());
+        gathered.needs_object_space = false;
+        gathered.has_world_triangles = only.is_some_and(|view| !view.needs_object_space());
         match only {
             Some(view) => match (&view.kind, common.primitive) {
                 (InteractionKind::Mesh(mesh), Some(primitive)) => {
-                    gathered.needs_scalar_path = view.needs_scalar_path();
+                    gathered.needs_object_space = view.needs_object_space();
                     mesh.gather_everywhere(primitive, gathered);
                 }
                 (InteractionKind::Mesh(mesh), None) => {
-                    gathered.needs_scalar_path = view.needs_scalar_path();
+                    gathered.needs_object_space = view.needs_object_space();
                     mesh.gather_lanes(packet, gathered);
                 }
                 (InteractionKind::Shape(_) | InteractionKind::Points(_), _) => {
-                    gathered.needs_scalar_path = true;
+                    gathered.needs_object_space = true;
                     gathered.smooth = [false; LANES];
                 }
             },
@@ -195,7 +195,7 @@ impl<'s> SurfaceScene<'s> {
             Some(_) => triangle_surfaces::<false>(packet, gathered, points),
         }
         // Compute lanes of analytic shapes and transformed instances
-        if gathered.needs_scalar_path {
+        if gathered.needs_object_space {
             let scene = ViewedInstances {
                 instances: &self.scene.instances,
                 views: &self.views,
@@ -269,8 +269,8 @@ impl<'s> SurfaceScene<'s> {
                 continue;
             }
             let view = &self.views[packet.instance[l] as usize];
-            gathered.needs_scalar_path |= view.needs_scalar_path();
-            gathered.has_world_triangles |= !view.needs_scalar_path();
+            gathered.needs_object_space |= view.needs_object_space();
+            gathered.has_world_triangles |= !view.needs_object_space();
             if let InteractionKind::Mesh(mesh) = &view.kind {
                 mesh.gather(packet, l, gathered);
             }
@@ -290,7 +290,7 @@ impl<'s> SurfaceScene<'s> {
         if surfaces.gathered.smooth[l] || points.ns_differs(l) {
             return shading;
         }
-        if self.views[packet.instance[l] as usize].needs_scalar_path() {
+        if self.views[packet.instance[l] as usize].needs_object_space() {
             return vector(&points.exact_normal, l);
         }
         // Compute the geometric normal of a flat world-space triangle in f64

@@ -21,6 +21,7 @@ pub(super) fn set_object_points(
     ([longer, shorter], points): (&[Lanes3<f64>; 2], &SurfacePacket),
     out: &mut PatternPacket,
 ) {
+    // Copy the mask, of which lanes are removed
     let mut left = *mask;
     // Take the lanes of one transform after the other
     while let Some(first) = left.iter().position(|&is_left| is_left) {

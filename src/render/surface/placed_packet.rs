@@ -167,7 +167,7 @@ pub(super) fn compute_placed_hits(
             continue;
         }
         let view = scene.view(packet, l);
-        hits.mask[l] = view.needs_scalar_path();
+        hits.mask[l] = view.needs_object_space();
         needs_uv_frames |= view.needs_uv_frames;
         hits.object.part[l] = packet.primitive[l];
         match &view.kind {

@@ -319,7 +319,9 @@ impl SurfaceScene<'_> {
         let encoding = layer.parameter.encoding();
         for l in hits.lanes() {
             let pose = self.pose(hits.packet, l);
-            let (_, at, footprint) = TexturedHit::new(self, (hits, points), l, &pose).look_up(layer);
+            let hit = TexturedHit::new(self, (hits, points), l, &pose);
+            let (uv_frame, at) = hit.look_up(layer);
+            let footprint = hit.footprint(layer, &uv_frame);
             texels[l] = self
                 .textures()
                 .sample_footprint(layer.texture.texture, encoding, &at, &footprint);
@@ -337,7 +339,7 @@ impl SurfaceScene<'_> {
     ) {
         for l in hits.lanes() {
             let pose = self.pose(hits.packet, l);
-            let (uv_frame, at, _) = TexturedHit::new(self, (hits, points), l, &pose).look_up(layer);
+            let (uv_frame, at) = TexturedHit::new(self, (hits, points), l, &pose).look_up(layer);
             let object_from_world = pose.object_from_world().matrix3;
             let by_object = uv_frame
                 .derivatives
@@ -504,29 +506,33 @@ impl<'a> TexturedHit<'a> {
             .uv_frame(self.pose, layer.texture.tex_coord, hits, self.l)
     }
 
-    /// Returns the texture coordinates, the point and the footprint of the look-up for a layer.
-    fn look_up(&self, layer: &TextureBinding) -> (UvFrame, TexturePoint, Footprint) {
+    /// Returns the texture coordinates and the point of the look-up for a layer.
+    fn look_up(&self, layer: &TextureBinding) -> (UvFrame, TexturePoint) {
         let points = self.points;
         let uv_frame = self.uv_frame(layer);
-        let transform = &layer.texture.transform;
-        let turned = |[u, v]: [f32; 2]| {
-            let matrix = transform.matrix;
-            [0, 1].map(|row| matrix[row][0] * u + matrix[row][1] * v)
-        };
         // Take a point slightly below the surface, because a face of the solid may lie exactly between two cells of a
         // procedural pattern.
         let ng = points.geometric_normal(self.l);
         let inward = if points.front[self.l] { -ng } else { ng };
         let carved = points.point(self.l) + inward * points.error(self.l);
         let p_object = self.pose.object_from_world().transform_point3(carved);
+        let at = TexturePoint::sharp(layer.texture.transform.apply(uv_frame.uv), p_object);
+        (uv_frame, at)
+    }
+
+    /// Returns the footprint of the look-up for a layer, whose coordinates before its transform are `uv_frame`.
+    fn footprint(&self, layer: &TextureBinding, uv_frame: &UvFrame) -> Footprint {
+        let transform = &layer.texture.transform;
+        let turned = |[u, v]: [f32; 2]| {
+            let matrix = transform.matrix;
+            [0, 1].map(|row| matrix[row][0] * u + matrix[row][1] * v)
+        };
         // Transform the footprint to texture and object space
         let object_from_world = self.pose.object_from_world().matrix3;
-        let footprint = Footprint {
+        Footprint {
             uv: self.axes.map(|axis| turned(uv_of(axis, uv_frame.derivatives))),
             object: self.axes.map(|axis| object_from_world * axis),
-        };
-        let at = TexturePoint::sharp(transform.apply(uv_frame.uv), p_object);
-        (uv_frame, at, footprint)
+        }
     }
 
     /// Returns the tangent frame of the surface with the unit normal `n`: from the mesh, else from the first set of

@@ -202,7 +202,7 @@ fn world_edges(scene: &SurfaceScene, packet: &RayPacket, gathered: &FetchedVerti
             edges[1][axis][l] = f64::from(c[axis][l]) - f64::from(a[axis][l]);
         }
     }
-    if gathered.needs_scalar_path {
+    if gathered.needs_object_space {
         scene.transform_directions(packet, &mut edges);
     }
     edges

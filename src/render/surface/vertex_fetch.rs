@@ -26,7 +26,7 @@ pub(super) struct FetchedVertices {
     /// Lanes whose triangle has vertex normals; the others are flat.
     pub(super) smooth: Lanes<bool>,
     /// True if some lanes are not world-space triangles, but are computed with the transforms of their instances.
-    pub(super) needs_scalar_path: bool,
+    pub(super) needs_object_space: bool,
     /// True if some lanes are world-space triangles.
     pub(super) has_world_triangles: bool,
 }
@@ -42,7 +42,7 @@ impl FetchedVertices {
             ],
             normals: [[[0.0; LANES]; 3]; 3],
             smooth: [false; LANES],
-            needs_scalar_path: false,
+            needs_object_space: false,
             has_world_triangles: false,
         }
     }

@@ -228,7 +228,9 @@ fn sum_probes<C: TexelSource>(
 #[inline(always)]
 fn blend_texels<T: TexelSource>(taps: &Taps, source: &T, l: usize) -> Vec4 {
     // Blend both columns at once, then the columns
-    let (top, bottom) = (row_texels(taps, source, (0, l)), row_texels(taps, source, (1, l)));
+    let step = taps.step[l];
+    let top = texel_pair(source, taps.first[0][l], step);
+    let bottom = texel_pair(source, taps.first[1][l], step);
     let down = taps.down[l];
     let mut columns = [0.0; 8];
     for i in 0..8 {
@@ -239,11 +241,10 @@ fn blend_texels<T: TexelSource>(taps: &Taps, source: &T, l: usize) -> Vec4 {
     (left + (right - left) * taps.across[l]) * T::SCALE
 }
 
-/// Returns the two texels of a row of lane `l`. No closure: one that is not inlined would be compiled for the lowest
-/// instruction set.
+/// Returns the texel of index `first` and the one a wrapping `step` after it. No closure: one that is not inlined would
+/// be compiled for the lowest instruction set.
 #[inline(always)]
-fn row_texels<T: TexelSource>(taps: &Taps, source: &T, (row, l): (usize, usize)) -> [f32; 8] {
-    let (first, step) = (taps.first[row][l], taps.step[l]);
+fn texel_pair<T: TexelSource>(source: &T, first: u32, step: u32) -> [f32; 8] {
     if step == 1 {
         return source.pair(first as usize);
     }

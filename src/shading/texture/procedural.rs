@@ -91,6 +91,7 @@ pub(super) fn sample_packet(
         }
     }
     // Add up the colours of the boxes
+    // Lanes with fewer boxes than the others add none of them
     let [a, b] = procedural.colors;
     let mut sums = [[0.0; LANES]; 4];
     for probe in 0..most as u32 {
@@ -379,7 +380,7 @@ fn finite_width(width: f64) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
     /// Returns the weight of the second colour at `p`, averaged over a box of sides `width`.
@@ -389,7 +390,7 @@ mod tests {
     }
 
     /// Returns one pattern of each kind.
-    fn patterns() -> [Pattern; 5] {
+    pub(in super::super) fn patterns() -> [Pattern; 5] {
         [
             Pattern::Checker,
             Pattern::Gradient,

@@ -1,5 +1,6 @@
 //! Tests of texture lookups through a prepared scene.
 
+use super::procedural::tests::patterns;
 use super::*;
 use crate::numeric::{LANES, Lanes3, SplitMix64};
 use crate::scene::{AlphaMode, Material, MaterialInput, Model, Pattern, TextureBinding, UvTransform, Wrap};
@@ -219,19 +220,9 @@ fn filtered_checkered_floor_is_close_to_1024_samples() {
 
 #[test]
 fn patterns_at_sixteen_points_equal_those_of_each() {
-    let patterns = [
-        Pattern::Checker,
-        Pattern::Gradient,
-        Pattern::Noise { octaves: 5 },
-        Pattern::Marble {
-            octaves: 4,
-            turbulence: 2.0,
-        },
-        Pattern::Wood { turbulence: 0.3 },
-    ];
     let mut random = SplitMix64::new(11, 0);
     let mut images = PacketLookup::new();
-    for (pattern, round) in patterns
+    for (pattern, round) in patterns()
         .into_iter()
         .flat_map(|pattern| (0..64).map(move |i| (pattern, i)))
     {

@@ -18,6 +18,8 @@ pub trait SimdLevel: Copy {
 
     /// Flag for kernels that fall back to f64 where f32 cannot decide; false for [`F32Only`] alone.
     const IS_EXACT: bool = true;
+    /// Flag for registers of sixteen f32.
+    const HAS_SIXTEEN: bool = false;
 
     /// Returns a mask whose bit `i` says that `a[i] <= b[i]`; clear for NaN.
     fn le<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32;
@@ -155,6 +157,7 @@ pub struct F32Only<I>(pub I);
 
 impl<I: SimdLevel> SimdLevel for F32Only<I> {
     const IS_EXACT: bool = false;
+    const HAS_SIXTEEN: bool = I::HAS_SIXTEEN;
     type Wide = I::Wide;
 
     #[inline(always)]
@@ -200,9 +203,21 @@ mod x86 {
     use std::arch::x86_64::{_CMP_EQ_OQ, _CMP_LE_OQ, _CMP_LT_OQ};
 
     use bytemuck::cast;
-    use pulp::x86::V3;
+    use pulp::x86::{V3, V4};
 
     use super::SimdLevel;
+
+    /// Computation with the instruction set that it is to be compiled for.
+    pub(super) struct DispatchedKernel<I, W>(pub(super) I, pub(super) W);
+
+    impl<I: SimdLevel, W: super::SimdKernel> pulp::NullaryFnOnce for DispatchedKernel<I, W> {
+        type Output = W::Output;
+
+        #[inline(always)]
+        fn call(self) -> W::Output {
+            self.1.run(self.0)
+        }
+    }
 
     /// Compares eight lanes at a time; `N` must be a multiple of eight.
     #[inline(always)]
@@ -293,6 +308,70 @@ mod x86 {
             }
         }
     }
+
+    /// Compares sixteen lanes at a time; `N` must be a multiple of sixteen.
+    #[inline(always)]
+    fn compare_sixteen<const OP: i32, const N: usize>(isa: V4, a: &[f32; N], b: &[f32; N]) -> u32 {
+        let (a, _) = a.as_chunks::<16>();
+        let (b, _) = b.as_chunks::<16>();
+        let mut mask = 0;
+        for i in 0..N / 16 {
+            let outcome = isa.avx512f._mm512_cmp_ps_mask::<OP>(cast(a[i]), cast(b[i]));
+            mask |= u32::from(outcome) << (16 * i);
+        }
+        mask
+    }
+
+    impl SimdLevel for V4 {
+        const HAS_SIXTEEN: bool = true;
+        type Wide = V3;
+
+        #[inline(always)]
+        fn wide(self) -> V3 {
+            *self
+        }
+
+        #[inline(always)]
+        fn le<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32 {
+            match N % 16 {
+                0 => compare_sixteen::<_CMP_LE_OQ, N>(self, a, b),
+                _ => compare::<_CMP_LE_OQ, N>(*self, a, b),
+            }
+        }
+
+        #[inline(always)]
+        fn lt<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32 {
+            match N % 16 {
+                0 => compare_sixteen::<_CMP_LT_OQ, N>(self, a, b),
+                _ => compare::<_CMP_LT_OQ, N>(*self, a, b),
+            }
+        }
+
+        #[inline(always)]
+        fn eq<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32 {
+            match N % 16 {
+                0 => compare_sixteen::<_CMP_EQ_OQ, N>(self, a, b),
+                _ => compare::<_CMP_EQ_OQ, N>(*self, a, b),
+            }
+        }
+
+        #[inline(always)]
+        fn permute<const N: usize>(self, table: &[f32; N], index: &[u32; 8]) -> [f32; 8] {
+            (*self).permute(table, index)
+        }
+
+        #[inline(always)]
+        fn count_below<const N: usize>(
+            self,
+            a: &[f32; N],
+            low: f32,
+            high: f32,
+            below_high: &mut [i32; N],
+            below_both: &mut [i32; N],
+        ) {
+            (*self).count_below(a, low, high, below_high, below_both);
+        }
+    }
 }
 
 /// Computation that is compiled once for every instruction set.
@@ -305,24 +384,24 @@ pub trait SimdKernel {
     fn run<I: SimdLevel>(self, isa: I) -> Self::Output;
 }
 
-/// Runs `work` with the best instruction set of this machine.
+/// Runs `work` with AVX2 where this machine has it.
 #[inline]
 pub fn dispatch<W: SimdKernel>(work: W) -> W::Output {
     #[cfg(target_arch = "x86_64")]
     if let Some(isa) = pulp::x86::V3::try_new() {
-        struct Compiled<W>(pulp::x86::V3, W);
-
-        impl<W: SimdKernel> pulp::NullaryFnOnce for Compiled<W> {
-            type Output = W::Output;
-
-            #[inline(always)]
-            fn call(self) -> W::Output {
-                self.1.run(self.0)
-            }
-        }
-        return isa.vectorize(Compiled(isa, work));
+        return isa.vectorize(x86::DispatchedKernel(isa, work));
     }
     work.run(Scalar)
+}
+
+/// Runs `work`, which is on sixteen lanes at a time, with AVX-512 or AVX2 where this machine has them.
+#[inline]
+pub fn dispatch_sixteen<W: SimdKernel>(work: W) -> W::Output {
+    #[cfg(target_arch = "x86_64")]
+    if let Some(isa) = pulp::x86::V4::try_new() {
+        return isa.vectorize(x86::DispatchedKernel(isa, work));
+    }
+    dispatch(work)
 }
 
 /// Returns the indices of the bits set in `mask`, in ascending order.

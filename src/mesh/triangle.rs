@@ -16,7 +16,6 @@
 //! [`F32Only`](super::simd::F32Only) instruction set they never fall back to f64: what that costs in errors is measured
 //! elsewhere.
 
-#[cfg(feature = "embree")]
 mod indexed;
 mod near_origin;
 mod shear;
@@ -25,13 +24,14 @@ mod shear_lanes;
 use glam::Vec3;
 
 use super::simd::{Scalar, SimdLevel, add, div, lanes, max, min, mul, sub};
-#[cfg(feature = "embree")]
 pub(crate) use indexed::{HitLanes, ProjectedVertices, may_contain_origin};
 use near_origin::may_be_behind;
 pub use shear::Shear;
 pub(crate) use shear::dominant_axis;
 pub use shear_lanes::ShearLanes;
+#[cfg(feature = "embree")]
 pub(crate) use shear_lanes::dominant_axes;
+pub(crate) use shear_lanes::{LaneAxes, OwnAxes};
 
 /// Number of triangles in a [`TrianglePack`].
 pub const PACK: usize = 8;

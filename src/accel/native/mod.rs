@@ -8,6 +8,7 @@
 mod build;
 mod group;
 mod layout;
+mod packet;
 mod single;
 #[cfg(test)]
 pub(super) mod testing;
@@ -103,6 +104,18 @@ impl<'s> NativeAccel<'s> {
         true
     }
 
+    /// Traces rays of any origins and directions through the tree.
+    fn trace_triangles(&self, packets: &mut [RayPacket], query: Query) {
+        let tree = &self.triangles;
+        match query {
+            _ if self.kernel == Kernel::Packet && packet::is_small(tree) => {
+                packet::trace(tree, packets, query)
+            }
+            Query::Nearest => single::intersect(tree, packets),
+            Query::Any => single::occluded(tree, packets),
+        }
+    }
+
     /// Names the instances of the hits, then looks for nearer hits of shapes and planes.
     fn complete(&self, packets: &mut [RayPacket], order: Coherence) {
         let runs = &self.runs;
@@ -157,12 +170,12 @@ impl Accel for NativeAccel<'_> {
         if self.intersect_group(packets, order) {
             return;
         }
-        single::intersect(&self.triangles, packets);
+        self.trace_triangles(packets, Query::Nearest);
         self.complete(packets, order);
     }
 
     fn occluded(&self, packets: &mut [RayPacket], order: Coherence) {
-        single::occluded(&self.triangles, packets);
+        self.trace_triangles(packets, Query::Any);
         self.occlude_others(packets, order);
     }
 

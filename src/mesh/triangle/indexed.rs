@@ -4,6 +4,7 @@
 //! The arithmetic is that of [`Shear::intersect`], operation by operation, so the results are bit-identical.
 
 use super::near_origin::may_be_behind;
+use super::shear_lanes::LaneAxes;
 use super::{Shear, ShearLanes, TriangleHit, project};
 use crate::mesh::simd::{SimdLevel, add, div, max, min, mul, sub};
 
@@ -62,25 +63,18 @@ pub(crate) struct HitLanes<const N: usize> {
     pub(crate) det: [f32; N],
 }
 
-impl<const N: usize> ShearLanes<N> {
-    /// Returns the coordinates of a point in the order of the rays' axes.
+impl<const N: usize, A: LaneAxes<N>> ShearLanes<N, A> {
+    /// Projects one point for each ray.
     #[inline(always)]
-    pub(crate) fn along_axes(&self, point: [f32; 3]) -> [f32; 3] {
-        let [kx, ky, kz] = self.axes;
-        [point[kx], point[ky], point[kz]]
-    }
-
-    /// Projects one point for each ray; its coordinates are [along](ShearLanes::along_axes) the rays' axes.
-    #[inline(always)]
-    pub(crate) fn flatten(&self, [x, y, z]: [f32; 3]) -> ProjectedVertices<N> {
+    pub(crate) fn flatten(&self, point: [f32; 3]) -> ProjectedVertices<N> {
         let [sx, sy, _] = self.shear;
-        let [x, y, _] = project([&[x; N], &[y; N], &[z; N]], &self.origin, &[sx, sy]);
+        let [x, y, _] = project(self.axes.along(point).each_ref(), &self.origin, &[sx, sy]);
         [x, y]
     }
 
     /// Intersects a triangle with the rays of the mask `active`, all of which [may hold](may_hold_origin) it, each with
-    /// the result of [`Shear::intersect`]. `projected` are its vertices as projected by [`ShearLanes::flatten`], `depths`
-    /// their last coordinates; the interval is given by the smallest and largest parameters.
+    /// the result of [`Shear::intersect`]. `projected` are its vertices as projected by [`ShearLanes::flatten`] from
+    /// `corners`; the interval is given by the smallest and largest parameters.
     ///
     /// The second result is a mask of the rays that only [`Shear::intersect`] can decide: those through an edge or a
     /// vertex, and those whose hit may be behind their start.
@@ -88,7 +82,7 @@ impl<const N: usize> ShearLanes<N> {
     pub(crate) fn intersect_projected(
         &self,
         isa: impl SimdLevel,
-        (projected, depths): ([&ProjectedVertices<N>; 3], [f32; 3]),
+        (projected, corners): ([&ProjectedVertices<N>; 3], [[f32; 3]; 3]),
         active: u32,
         [t_near, t_far]: [&[f32; N]; 2],
     ) -> (HitLanes<N>, u32) {
@@ -104,7 +98,10 @@ impl<const N: usize> ShearLanes<N> {
         let inside = isa.lt(&zero, &min_edge) | isa.lt(&max_edge, &zero);
         let on_edge = isa.eq(&min_magnitude, &zero) & active;
         // Compute the parameters from the depths
-        let [za, zb, zc] = depths.map(|z| sub(&[z; N], &self.origin[2]));
+        let [a, b, c] = corners;
+        let za = sub(&self.axes.along(a)[2], &self.origin[2]);
+        let zb = sub(&self.axes.along(b)[2], &self.origin[2]);
+        let zc = sub(&self.axes.along(c)[2], &self.origin[2]);
         let scale = &self.shear[2];
         let rows = [
             [&projected[0][0], &projected[0][1], &za],
@@ -162,9 +159,10 @@ mod tests {
         [small(3 * i), small(5 * i + 1), small(7 * i + 2)]
     }
 
-    /// Returns eight rays with the dominant axis `dominant`, and their intervals.
-    fn rays(i: usize, dominant: usize) -> [Ray; 8] {
+    /// Returns eight rays and their intervals, all with the dominant axis `common` or each with another.
+    fn rays(i: usize, common: Option<usize>) -> [Ray; 8] {
         std::array::from_fn(|lane| {
+            let dominant = common.unwrap_or((i + lane * lane) % 3);
             let mut direction = point(i * 8 + lane).map(|x| 0.25 * x);
             direction[dominant] = if (i + lane).is_multiple_of(2) { 1.0 } else { -2.0 };
             let mut ray = Ray::new(point(i + 11 * lane).into(), direction.into());
@@ -173,62 +171,76 @@ mod tests {
         })
     }
 
-    /// Kernel that computes the hits of eight rays on one triangle.
-    struct IndexedTest([Ray; 8], usize, [[f32; 3]; 3]);
+    /// Kernel that computes the hits of eight rays on one triangle, by their common dominant axis if they have one.
+    struct IndexedTest([Ray; 8], Option<usize>, [[f32; 3]; 3]);
 
     impl SimdKernel for IndexedTest {
         type Output = [Option<TriangleHit>; 8];
 
         #[inline(always)]
         fn run<I: SimdLevel>(self, isa: I) -> [Option<TriangleHit>; 8] {
-            let IndexedTest(rays, dominant, corners) = self;
-            // Project the vertices once
+            let IndexedTest(rays, common, corners) = self;
             let rows = |of: fn(&Ray) -> Vec3| {
                 [0, 1, 2].map(|axis| std::array::from_fn(|lane| of(&rays[lane])[axis]))
             };
-            let shears = ShearLanes::<8>::new(dominant, &rows(|r| r.origin), &rows(|r| r.direction));
-            let along = corners.map(|corner| shears.along_axes(corner));
-            let projected = along.map(|corner| shears.flatten(corner));
-            let [a, b, c] = &projected;
-            // Test the triangle, and let the reference decide the uncertain lanes
-            let active = may_contain_origin(isa, [a, b, c]);
-            let interval = [rays.map(|r| r.t_near), rays.map(|r| r.t_far)];
-            let projected = ([a, b, c], along.map(|corner| corner[2]));
-            let (mut hit_lanes, on_edge) =
-                shears.intersect_projected(isa, projected, active, [&interval[0], &interval[1]]);
-            for lane in lanes(on_edge) {
-                let hit = shears
-                    .lane(lane)
-                    .intersect(corners, interval[0][lane], interval[1][lane]);
-                if let Some(hit) = hit {
-                    hit_lanes.set(lane, &hit);
-                }
+            let (origin, direction) = (rows(|r| r.origin), rows(|r| r.direction));
+            match common {
+                Some(axis) => hits_of(isa, &ShearLanes::new(axis, &origin, &direction), &rays, corners),
+                None => hits_of(
+                    isa,
+                    &ShearLanes::of_each(isa, &origin, &direction),
+                    &rays,
+                    corners,
+                ),
             }
-            // Divide the weights by the determinant
-            std::array::from_fn(|lane| {
-                (hit_lanes.mask >> lane & 1 != 0).then(|| TriangleHit {
-                    t: hit_lanes.t[lane],
-                    u: hit_lanes.weights[0][lane] / hit_lanes.det[lane],
-                    v: hit_lanes.weights[1][lane] / hit_lanes.det[lane],
-                })
-            })
         }
+    }
+
+    /// Returns the hits of eight rays, each with its shear, on one triangle.
+    fn hits_of<A: LaneAxes<8>>(
+        isa: impl SimdLevel,
+        shears: &ShearLanes<8, A>,
+        rays: &[Ray; 8],
+        corners: [[f32; 3]; 3],
+    ) -> [Option<TriangleHit>; 8] {
+        // Project the vertices once
+        let projected = corners.map(|corner| shears.flatten(corner));
+        let [a, b, c] = &projected;
+        // Test the triangle, and let the reference decide the uncertain lanes
+        let active = may_contain_origin(isa, [a, b, c]);
+        let interval = [rays.map(|r| r.t_near), rays.map(|r| r.t_far)];
+        let (mut hit_lanes, on_edge) =
+            shears.intersect_projected(isa, ([a, b, c], corners), active, [&interval[0], &interval[1]]);
+        for lane in lanes(on_edge) {
+            let hit = shears
+                .lane(lane)
+                .intersect(corners, interval[0][lane], interval[1][lane]);
+            if let Some(hit) = hit {
+                hit_lanes.set(lane, &hit);
+            }
+        }
+        // Divide the weights by the determinant
+        std::array::from_fn(|lane| {
+            (hit_lanes.mask >> lane & 1 != 0).then(|| TriangleHit {
+                t: hit_lanes.t[lane],
+                u: hit_lanes.weights[0][lane] / hit_lanes.det[lane],
+                v: hit_lanes.weights[1][lane] / hit_lanes.det[lane],
+            })
+        })
     }
 
     #[test]
     fn preprojected_corners_give_the_bits_of_the_full_test() {
         let (mut hits, mut edge_hits) = (0, 0);
         for i in 0..20_000 {
-            let dominant = i % 3;
+            let common = [None, Some(0), Some(1), Some(2)][i % 4];
             let corners = [point(i), point(i + 1), point(i + 3)];
-            let rays = rays(i, dominant);
-            assert!(
-                rays.iter()
-                    .all(|r| dominant_axis(r.direction.to_array()) == dominant)
-            );
+            let rays = rays(i, common);
+            let has_common = |axis| rays.iter().all(|r| dominant_axis(r.direction.to_array()) == axis);
+            assert!(common.is_none_or(has_common));
             let expected = rays.map(|ray| Shear::new(&ray).intersect(corners, ray.t_near, ray.t_far));
-            assert_eq!(IndexedTest(rays, dominant, corners).run(Scalar), expected);
-            assert_eq!(dispatch(IndexedTest(rays, dominant, corners)), expected);
+            assert_eq!(IndexedTest(rays, common, corners).run(Scalar), expected);
+            assert_eq!(dispatch(IndexedTest(rays, common, corners)), expected);
             for ray in rays {
                 let shear = Shear::new(&ray);
                 let projected = corners.map(|corner| shear.flatten::<8>(&corner.map(|x| [x; 8])));

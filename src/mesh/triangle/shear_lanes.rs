@@ -1,13 +1,97 @@
-//! Watertight test of several rays that share their dominant axis, with one triangle or with one each.
+//! Watertight test of several rays, which share their dominant axis or have one each, with one triangle or with one each.
 
 use super::shear::axes_around;
 use super::{EdgeTest, LaneHits, Shear, edge_test, project};
 use crate::mesh::simd::{SimdLevel, div, lanes};
 
-/// Ray set-up of `N` rays that share their dominant axis.
+/// Axes of `N` rays in the order that puts the dominant one last.
+pub trait LaneAxes<const N: usize>: Copy {
+    /// Returns the coordinates of a vector of each ray in the order of its axes.
+    fn permuted(&self, vectors: [&[f32; N]; 3]) -> [[f32; N]; 3];
+
+    /// Returns the axes of one ray.
+    fn of_lane(&self, lane: usize) -> [usize; 3];
+
+    /// Returns the coordinates of one point in the order of the axes of each ray.
+    #[inline(always)]
+    fn along(&self, [x, y, z]: [f32; 3]) -> [[f32; N]; 3] {
+        self.permuted([&[x; N], &[y; N], &[z; N]])
+    }
+}
+
+/// Axes of rays that share their dominant one.
 #[derive(Clone, Copy, Debug)]
-pub struct ShearLanes<const N: usize> {
-    pub(super) axes: [usize; 3],
+pub struct CommonAxes([usize; 3]);
+
+impl<const N: usize> LaneAxes<N> for CommonAxes {
+    #[inline(always)]
+    fn permuted(&self, vectors: [&[f32; N]; 3]) -> [[f32; N]; 3] {
+        let [kx, ky, kz] = self.0;
+        [*vectors[kx], *vectors[ky], *vectors[kz]]
+    }
+
+    #[inline(always)]
+    fn of_lane(&self, _lane: usize) -> [usize; 3] {
+        self.0
+    }
+}
+
+/// Axes of rays with a dominant one each: the masks of all bits for those whose dominant axis is x, and y.
+#[derive(Clone, Copy, Debug)]
+pub struct OwnAxes<const N: usize> {
+    is_x: [i32; N],
+    is_y: [i32; N],
+}
+
+impl<const N: usize> OwnAxes<N> {
+    /// Returns the axes of rays by the masks of lanes for each dominant axis, as [`dominant_axes`] returns them.
+    #[inline(always)]
+    fn new([x, y, _]: [u32; 3]) -> OwnAxes<N> {
+        let mut axes = OwnAxes {
+            is_x: [0; N],
+            is_y: [0; N],
+        };
+        // Spread the bits over whole lanes
+        for lane in 0..N {
+            axes.is_x[lane] = -((x >> lane & 1) as i32);
+            axes.is_y[lane] = -((y >> lane & 1) as i32);
+        }
+        axes
+    }
+}
+
+impl<const N: usize> LaneAxes<N> for OwnAxes<N> {
+    #[inline(always)]
+    fn permuted(&self, [x, y, z]: [&[f32; N]; 3]) -> [[f32; N]; 3] {
+        let mut permuted = [[0.0; N]; 3];
+        for lane in 0..N {
+            // Sign bits alone decide, as they do for instructions that select
+            let (is_x, is_y) = (self.is_x[lane] < 0, self.is_y[lane] < 0);
+            let (x, y, z) = (x[lane], y[lane], z[lane]);
+            // The orders of `axes_around`, by two selections for each coordinate
+            let rows = if is_y { [z, x, y] } else { [x, y, z] };
+            let rows = if is_x { [y, z, x] } else { rows };
+            permuted[0][lane] = rows[0];
+            permuted[1][lane] = rows[1];
+            permuted[2][lane] = rows[2];
+        }
+        permuted
+    }
+
+    #[inline(always)]
+    fn of_lane(&self, lane: usize) -> [usize; 3] {
+        axes_around(match (self.is_x[lane], self.is_y[lane]) {
+            (0, 0) => 2,
+            (0, _) => 1,
+            _ => 0,
+        })
+    }
+}
+
+/// Ray set-up of `N` rays.
+#[derive(Clone, Copy, Debug)]
+pub struct ShearLanes<const N: usize, A = CommonAxes> {
+    pub(super) axes: A,
     pub(super) origin: [[f32; N]; 3],
     pub(super) shear: [[f32; N]; 3],
 }
@@ -34,21 +118,39 @@ impl<const N: usize> ShearLanes<N> {
     /// used.
     #[inline(always)]
     pub fn new(dominant: usize, origin: &[[f32; N]; 3], direction: &[[f32; N]; 3]) -> ShearLanes<N> {
-        let axes = axes_around(dominant);
-        let [kx, ky, kz] = axes;
-        let z = &direction[kz];
+        ShearLanes::along(CommonAxes(axes_around(dominant)), origin, direction)
+    }
+}
+
+impl<const N: usize> ShearLanes<N, OwnAxes<N>> {
+    /// Computes the shears of `N` rays of any direction.
+    #[inline(always)]
+    pub(crate) fn of_each(
+        isa: impl SimdLevel,
+        origin: &[[f32; N]; 3],
+        direction: &[[f32; N]; 3],
+    ) -> ShearLanes<N, OwnAxes<N>> {
+        ShearLanes::along(OwnAxes::new(dominant_axes(isa, direction)), origin, direction)
+    }
+}
+
+impl<const N: usize, A: LaneAxes<N>> ShearLanes<N, A> {
+    #[inline(always)]
+    fn along(axes: A, origin: &[[f32; N]; 3], direction: &[[f32; N]; 3]) -> ShearLanes<N, A> {
+        // Divide the directions by their dominant coordinates
+        let [x, y, z] = &axes.permuted(direction.each_ref());
         ShearLanes {
             axes,
-            origin: [origin[kx], origin[ky], origin[kz]],
-            shear: [div(&direction[kx], z), div(&direction[ky], z), div(&[1.0; N], z)],
+            origin: axes.permuted(origin.each_ref()),
+            shear: [div(x, z), div(y, z), div(&[1.0; N], z)],
         }
     }
 
     /// Returns the shear of one lane.
     #[inline(always)]
-    pub fn lane(&self, lane: usize) -> Shear {
+    pub(crate) fn lane(&self, lane: usize) -> Shear {
         Shear {
-            axes: self.axes,
+            axes: self.axes.of_lane(lane),
             origin: [self.origin[0][lane], self.origin[1][lane], self.origin[2][lane]],
             shear: [self.shear[0][lane], self.shear[1][lane], self.shear[2][lane]],
         }
@@ -56,7 +158,7 @@ impl<const N: usize> ShearLanes<N> {
 
     /// Intersects one triangle with all rays, each with the result of [`Shear::intersect`].
     #[inline(always)]
-    pub fn intersect(
+    pub(crate) fn intersect(
         &self,
         isa: impl SimdLevel,
         corners: [[f32; 3]; 3],
@@ -66,11 +168,10 @@ impl<const N: usize> ShearLanes<N> {
         let [sx, sy, sz] = self.shear;
         let shear = [sx, sy];
         // Project the vertices for all rays
-        let [kx, ky, kz] = self.axes;
         let [a, b, c] = corners;
-        let a = project([&[a[kx]; N], &[a[ky]; N], &[a[kz]; N]], &self.origin, &shear);
-        let b = project([&[b[kx]; N], &[b[ky]; N], &[b[kz]; N]], &self.origin, &shear);
-        let c = project([&[c[kx]; N], &[c[ky]; N], &[c[kz]; N]], &self.origin, &shear);
+        let a = project(self.axes.along(a).each_ref(), &self.origin, &shear);
+        let b = project(self.axes.along(b).each_ref(), &self.origin, &shear);
+        let c = project(self.axes.along(c).each_ref(), &self.origin, &shear);
         // Test all lanes in f32, then the undecided ones in f64
         let test = edge_test(isa, [a, b, c], sz, [t_near, t_far]);
         if test.undecided != 0 {
@@ -92,11 +193,10 @@ impl<const N: usize> ShearLanes<N> {
         let [sx, sy, sz] = self.shear;
         let shear = [sx, sy];
         // Project the vertices
-        let [kx, ky, kz] = self.axes;
         let [a, b, c] = corners;
-        let a = project([&a[kx], &a[ky], &a[kz]], &self.origin, &shear);
-        let b = project([&b[kx], &b[ky], &b[kz]], &self.origin, &shear);
-        let c = project([&c[kx], &c[ky], &c[kz]], &self.origin, &shear);
+        let a = project(self.axes.permuted(a.each_ref()).each_ref(), &self.origin, &shear);
+        let b = project(self.axes.permuted(b.each_ref()).each_ref(), &self.origin, &shear);
+        let c = project(self.axes.permuted(c.each_ref()).each_ref(), &self.origin, &shear);
         // Test all lanes in f32, then the undecided ones in f64
         let mut test = edge_test(isa, [a, b, c], sz, [t_near, t_far]);
         for lane in lanes(test.undecided) {

@@ -48,6 +48,10 @@ fn incident_light(
 }
 
 /// Returns the numbers of lobe rays over the densities of light samples times their number; 0 in lanes without a sample.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
 fn lobe_ratios(lobe_rays: &Lanes<f32>, pdf: &Lanes<f64>, (count, hit): (f64, &Lanes<bool>)) -> Lanes<f32> {
     let mut ratios = [0.0; LANES];
     for l in 0..LANES {

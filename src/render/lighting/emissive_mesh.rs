@@ -1,21 +1,20 @@
 //! Samples of emissive meshes for sixteen shaded points at once.
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use multiversion::multiversion;
 
 use super::shadow_ray_end::ShadowRayEnds;
 use crate::mesh::Mesh;
-use crate::numeric::{LANES, Lanes, Lanes3, triangle_spawn_error, warp};
+use crate::numeric::{LANES, Lanes, Lanes3, triangle_spawn_bound, warp};
 use crate::scene::{Instance, LightSamplePacket};
 use crate::shading::MeshLight;
 
-/// Triangles of a mesh light that sixteen points have chosen, in world space.
+/// Triangles of a mesh light that sixteen points have chosen.
 struct ChosenTriangles {
-    corner: Lanes3<f64>,
-    /// Edges from the corner to the two others.
-    edges: [Lanes3<f64>; 2],
-    /// Bounds on the rounding errors of rays that leave the triangles, in object space.
-    error: Lanes3<f64>,
+    /// Corners in world space.
+    corners: [Lanes3<f64>; 3],
+    /// Corners in object space.
+    in_object: [Lanes3<f32>; 3],
     /// Random pairs for the points on the triangles.
     u: [Lanes<f64>; 2],
 }
@@ -29,22 +28,20 @@ pub(super) fn sample_emissive_mesh(
 ) -> LightSamplePacket {
     // Choose a triangle for each point
     let mut chosen = ChosenTriangles {
-        corner: [[0.0; LANES]; 3],
-        edges: [[[0.0; LANES]; 3]; 2],
-        error: [[0.0; LANES]; 3],
+        corners: [[[0.0; LANES]; 3]; 3],
+        in_object: [[[0.0; LANES]; 3]; 3],
         u: [[0.0; LANES], u[1]],
     };
     for l in 0..LANES {
+        // Invert the cumulative area, then fetch the corners
         let (triangle, within) = light.choose(u[0][l]);
-        let [a, b, c] = light.corners(triangle);
-        let [v0, v1, v2] = mesh.corners(triangle as u32);
-        let error = triangle_spawn_error(v0, v1 - v0, v2 - v0).0;
         chosen.u[0][l] = within;
-        for axis in 0..3 {
-            chosen.corner[axis][l] = a[axis];
-            chosen.edges[0][axis][l] = b[axis] - a[axis];
-            chosen.edges[1][axis][l] = c[axis] - a[axis];
-            chosen.error[axis][l] = error[axis];
+        let (corners, in_object) = (light.corners(triangle), mesh.corners(triangle as u32));
+        for corner in 0..3 {
+            for axis in 0..3 {
+                chosen.corners[corner][axis][l] = corners[corner][axis];
+                chosen.in_object[corner][axis][l] = in_object[corner][axis];
+            }
         }
     }
     // Sample the points
@@ -72,7 +69,9 @@ fn sample_triangles(
     for l in 0..LANES {
         // Sample a point uniformly on the triangle
         let shaded = DVec3::new(p[0][l].into(), p[1][l].into(), p[2][l].into());
-        let [a, e1, e2] = [&chosen.corner, &chosen.edges[0], &chosen.edges[1]].map(|v| lane(v, l));
+        let [a, b, c] = &chosen.corners;
+        let (a, b, c) = (lane(a, l), lane(b, l), lane(c, l));
+        let (e1, e2) = (b - a, c - a);
         let [to_b, to_c] = warp::triangle([chosen.u[0][l], chosen.u[1][l]]);
         let position = a + to_b * e1 + to_c * e2;
         let across = e1.cross(e2);
@@ -84,14 +83,13 @@ fn sample_triangles(
         let distance = squared.sqrt();
         let pdf = squared * distance / (approach.abs() * area);
         let direction = to_light / distance;
+        // Bound the rounding errors of rays that leave the triangle
+        let [v0, v1, v2] = &chosen.in_object;
+        let v0 = corner(v0, l);
+        let error = triangle_spawn_bound(v0, corner(v1, l) - v0, corner(v2, l) - v0).as_dvec3();
         // End the shadow ray off the surface, on the side that it comes from
         let side = if direction.dot(normal) < 0.0 { 1.0 } else { -1.0 };
-        let end = ends.end(
-            position,
-            normal * side,
-            distance * direction,
-            lane(&chosen.error, l),
-        );
+        let end = ends.end(position, normal * side, distance * direction, error);
         let is_sample = (pdf > 0.0) & (pdf < f64::INFINITY) & (distance > 0.0) & (distance < f64::INFINITY);
         samples.pdf[l] = if is_sample { pdf } else { 0.0 };
         for axis in 0..3 {
@@ -104,4 +102,9 @@ fn sample_triangles(
 #[inline(always)]
 fn lane(vectors: &Lanes3<f64>, l: usize) -> DVec3 {
     DVec3::new(vectors[0][l], vectors[1][l], vectors[2][l])
+}
+
+#[inline(always)]
+fn corner(vectors: &Lanes3<f32>, l: usize) -> Vec3 {
+    Vec3::new(vectors[0][l], vectors[1][l], vectors[2][l])
 }

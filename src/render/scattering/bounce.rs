@@ -24,11 +24,14 @@ use super::super::lighting::{PixelSample, SampleIndex};
 use super::super::profile::{Category, TruncationLimit};
 use super::super::sampler::Purpose;
 use super::super::surface::{SurfacePacket, Surfaces, lane};
-use super::super::wavefront::{BatchInfo, PathState, RayWorkItem, ShadingState, TracedPacket};
+use super::super::wavefront::{
+    BatchInfo, PathState, PathStatePacket, RayWorkItem, ShadingState, TracedPacket,
+};
 use super::microfacet::spread;
 use crate::numeric::lane_math::sin_cos;
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
 use crate::scene::Effect;
+use crate::shading::ray_cone::RayCone;
 use crate::shading::{MaterialPacket, diffuse_weights};
 
 /// Weight from which on the first bounce ray of a path is always sent, because light from the first diffuse surface is most
@@ -39,8 +42,20 @@ const FIRST_BOUNCE_WEIGHT: f32 = 0.125;
 struct BounceDirections {
     /// Unit vectors in world space, on the other side where light is transmitted.
     direction: Lanes3<f64>,
+    /// The same vectors, rounded to f32.
+    wi: Lanes3<f32>,
     /// Cosines to the shading normals, positive.
     cosine: Lanes<f64>,
+    /// True on the same side of the geometric surface, where an interpolated normal may lead to the other one.
+    leaves: Lanes<bool>,
+}
+
+/// Throughput along the paths of bounce rays.
+struct BounceWeights {
+    /// Throughput, linear RGB; zero for rays that are not sent.
+    weight: Lanes3<f32>,
+    /// Largest channel of each, as a magnitude.
+    largest: Lanes<f32>,
 }
 
 /// Sides on which rays leave sixteen surfaces: the other side for a part of the rays from thin surfaces.
@@ -96,57 +111,82 @@ impl ShadingState<'_, '_> {
         let mut u = self.number_packet(traced, draw);
         let sides = BounceSides::select(materials, &mut u[0]);
         let bounces = cosine_directions(points, &u, &sides.signs);
-        let mut wi = [[0.0; LANES]; 3];
-        for axis in 0..3 {
-            for l in 0..LANES {
-                wi[axis][l] = bounces.direction[axis][l] as f32;
-            }
-        }
         // Weight the directions by the diffuse part of each material
-        let albedo = diffuse_weights(materials, &points.ns, &points.wo, &wi);
+        let albedo = diffuse_weights(materials, &points.ns, &points.wo, &bounces.wi);
+        let BounceWeights { weight, largest } =
+            bounce_weights(points, &bounces, traced.weight, (&albedo, &sides.shares));
+        // Draw random numbers if the weight of any ray leaves its path to chance
+        let may_end = (0..LANES).any(|l| {
+            let kept_weight = self.kept_weight_behind(path_states.bounces(l) + 1, Category::Interreflection);
+            largest[l] > 0.0 && path_states.split(l) as f32 * largest[l] < kept_weight
+        });
+        let roulette = match may_end {
+            true => self.number_packet(traced, self.roulette_draw(Category::Interreflection))[0],
+            false => [0.0; LANES],
+        };
         // Queue the rays
-        for l in (0..LANES).filter(|&l| points.hit[l]) {
-            let direction = DVec3::from([0, 1, 2].map(|axis| bounces.direction[axis][l]));
-            let above = lane(&points.ng, l).as_dvec3().dot(direction) * sides.signs[l];
-            let weight: [f32; 3] = [0, 1, 2].map(|c| traced.weight[c][l] * albedo[c][l] / sides.shares[l]);
-            // With an interpolated normal, a direction may lie on the wrong side of the geometric surface
-            if !(above > 0.0) || weight == [0.0; 3] {
-                continue;
-            }
+        for l in (0..LANES).filter(|&l| largest[l] > 0.0) {
+            // Start on the side that the ray leaves to
             let arrival = path_states.lane(l);
-            // Widen the ray cone by the share of the hemisphere that one ray of the pixel stands for
-            let of_pixel = f64::from(arrival.split) * f64::from(self.frame.even_count);
-            let density = bounces.cosine[l] * (2.0 / TAU) * of_pixel;
-            let cone = self
-                .frame
-                .cone_at(traced, path_states, l)
-                .reflected(surfaces.curvatures[l]);
             let origin = match sides.signs[l] < 0.0 {
                 true => points.leave(l, -points.geometric_normal(l)),
                 false => lane(&points.origin, l),
             };
-            let sent = RayWorkItem {
-                ray: Ray::new(origin, direction.as_vec3()),
+            // Extend the path state by the bounce
+            let mut sent = RayWorkItem {
+                ray: Ray::new(origin, lane(&bounces.wi, l)),
                 pixel: traced.pixel[l],
-                weight,
+                weight: [0, 1, 2].map(|channel| weight[channel][l]),
                 sender: Category::Interreflection,
                 travel: Some(PathState {
                     depth: arrival.depth + 1,
                     bounces: arrival.bounces + 1,
-                    direction,
-                    cone: cone.spread_by(spread(density)),
+                    direction: DVec3::from([0, 1, 2].map(|axis| bounces.direction[axis][l])),
+                    cone: self.bounced_cone((traced, path_states), surfaces, &bounces, l),
                     density: 0.0,
                     ..arrival
                 }),
             };
-            self.send::<false>(&sent, stage.depth + 1);
+            self.continue_path(&mut sent, |_, _| roulette[l]);
         }
     }
 
+    /// Returns the ray cone of lane `l` behind its diffuse surface, wider by the share of the hemisphere that one ray of the
+    /// pixel stands for; any cone if paths carry none.
+    fn bounced_cone(
+        &self,
+        (traced, path_states): (&TracedPacket, PathStatePacket),
+        surfaces: &Surfaces,
+        bounces: &BounceDirections,
+        l: usize,
+    ) -> RayCone {
+        if !self.frame.tracks_cones() {
+            return PathState::NONE.cone;
+        }
+        let of_pixel = f64::from(path_states.split(l)) * f64::from(self.frame.even_count);
+        let density = bounces.cosine[l] * (2.0 / TAU) * of_pixel;
+        self.frame
+            .cone_at(traced, path_states, l)
+            .reflected(surfaces.curvatures[l])
+            .spread_by(spread(density))
+    }
+
     /// Queues a ray whose path has left a diffuse surface, with a probability that falls with its weight, if it is within the
-    /// limits of bounces and of depth.
-    pub(in crate::render) fn send_behind_bounce(&mut self, sent: &RayWorkItem, travel: &PathState) {
-        let frame = self.frame;
+    /// limits of bounces and of depth. Its weight is divided by the probability.
+    pub(in crate::render) fn send_behind_bounce(&mut self, sent: &mut RayWorkItem) {
+        self.continue_path(sent, |state, sent| state.roulette(sent));
+    }
+
+    /// Queues a ray like [`ShadingState::send_behind_bounce`]; `roulette` returns a random number in [0, 1).
+    #[inline(always)]
+    fn continue_path(
+        &mut self,
+        sent: &mut RayWorkItem,
+        roulette: impl FnOnce(&ShadingState, &RayWorkItem) -> f64,
+    ) {
+        let (frame, Some(travel)) = (self.frame, &sent.travel) else {
+            return;
+        };
         // Drop rays that cannot contribute
         let largest = sent.weight.into_iter().map(f32::abs).fold(0.0, f32::max);
         if !(largest > 0.0) {
@@ -161,42 +201,45 @@ impl ShadingState<'_, '_> {
         }
         // Continue it with a probability in proportion to its weight; rays of one lobe carry small weights each
         let together = travel.split as f32 * largest;
-        let is_first = travel.bounces == 1 && sent.sender == Category::Interreflection;
-        let kept_weight = if is_first {
-            FIRST_BOUNCE_WEIGHT
-        } else {
-            self.kept_weight
-        };
-        let probability = together / kept_weight;
-        let mut weight = sent.weight;
+        let probability = together / self.kept_weight_behind(travel.bounces, sent.sender);
         if probability < 1.0 {
-            if self.roulette(sent, travel) >= f64::from(probability) {
+            if roulette(self, sent) >= f64::from(probability) {
                 return;
             }
-            weight = weight.map(|channel| channel / probability);
+            sent.weight = sent.weight.map(|channel| channel / probability);
         }
         // Queue it apart from paths that may branch
         if let Some(next) = &mut self.next_bounced {
-            next.push(&RayWorkItem { weight, ..*sent });
+            next.push(sent);
+        }
+    }
+
+    /// Returns the weight from which on a ray with that number of bounces is always sent.
+    fn kept_weight_behind(&self, bounces: u32, sender: Category) -> f32 {
+        if bounces == 1 && sender == Category::Interreflection {
+            FIRST_BOUNCE_WEIGHT
+        } else {
+            self.kept_weight
         }
     }
 
     /// Returns the random number in [0, 1) that decides whether a path continues.
-    fn roulette(&self, sent: &RayWorkItem, travel: &PathState) -> f64 {
-        let purpose = Purpose::ROULETTE
-            .nested(self.generation)
-            .nested(sent.sender as u32);
-        let draw = SampleIndex {
-            purpose,
-            number: 0,
-            of: 1,
-        };
+    fn roulette(&self, sent: &RayWorkItem) -> f64 {
         let sample = PixelSample {
             corner: self.corner,
             label: sent.pixel,
-            sample: travel.sample,
+            sample: sent.travel.as_ref().map_or(0, |travel| travel.sample),
         };
-        sample.numbers(&self.frame.settings, draw)[0]
+        sample.numbers(&self.frame.settings, self.roulette_draw(sent.sender))[0]
+    }
+
+    /// Returns the draw that decides whether paths of this generation continue.
+    fn roulette_draw(&self, sender: Category) -> SampleIndex {
+        SampleIndex {
+            purpose: Purpose::ROULETTE.nested(self.generation).nested(sender as u32),
+            number: 0,
+            of: 1,
+        }
     }
 }
 
@@ -208,7 +251,9 @@ impl ShadingState<'_, '_> {
 fn cosine_directions(points: &SurfacePacket, u: &[Lanes<f64>; 2], sides: &Lanes<f64>) -> BounceDirections {
     let mut bounces = BounceDirections {
         direction: [[0.0; LANES]; 3],
+        wi: [[0.0; LANES]; 3],
         cosine: [0.0; LANES],
+        leaves: [false; LANES],
     };
     for l in 0..LANES {
         // Lift a uniform point of the unit disk to the hemisphere
@@ -218,10 +263,42 @@ fn cosine_directions(points: &SurfacePacket, u: &[Lanes<f64>; 2], sides: &Lanes<
         let radius = u[0][l].sqrt();
         let height = (1.0 - u[0][l]).max(0.0).sqrt();
         let direction = t * (radius * cosine) + b * (radius * sine) + n * (height * sides[l]);
+        // Store it in both precisions, with the side of the surface that it is on
         bounces.cosine[l] = height;
+        bounces.leaves[l] = lane(&points.ng, l).as_dvec3().dot(direction) * sides[l] > 0.0;
         for axis in 0..3 {
             bounces.direction[axis][l] = direction[axis];
+            bounces.wi[axis][l] = direction[axis] as f32;
         }
     }
     bounces
+}
+
+/// Returns the throughput along the paths of bounce rays: that of the rays that hit the surfaces times the albedos, over the
+/// probabilities of the sides.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+fn bounce_weights(
+    points: &SurfacePacket,
+    bounces: &BounceDirections,
+    arriving: &Lanes3<f32>,
+    (albedo, shares): (&Lanes3<f32>, &Lanes<f32>),
+) -> BounceWeights {
+    let mut bounced = BounceWeights {
+        weight: [[0.0; LANES]; 3],
+        largest: [0.0; LANES],
+    };
+    for l in 0..LANES {
+        // Send no ray from a miss or into the surface
+        let is_sent = points.hit[l] & bounces.leaves[l];
+        for channel in 0..3 {
+            let weight = arriving[channel][l] * albedo[channel][l] / shares[l];
+            let weight = if is_sent { weight } else { 0.0 };
+            bounced.weight[channel][l] = weight;
+            bounced.largest[l] = bounced.largest[l].max(weight.abs());
+        }
+    }
+    bounced
 }

@@ -328,7 +328,7 @@ impl ShadingState<'_, '_> {
             if let Some(travel) = &mut sent.travel {
                 travel.wavelength = rays.wavelength[l];
             }
-            self.send::<false>(&sent, 0);
+            self.send::<false>(&mut sent, 0);
         }
         // Queue the reflected ray
         if reflected.is_sent[l] {
@@ -339,7 +339,7 @@ impl ShadingState<'_, '_> {
                 travel.media = arrival.media;
                 travel.density = arrival.density_behind_mirror(has_caustics);
             }
-            self.send::<false>(&sent, 0);
+            self.send::<false>(&mut sent, 0);
         }
     }
 }

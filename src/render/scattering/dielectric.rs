@@ -203,7 +203,7 @@ impl ShadingState<'_, '_> {
             let weight = std::array::from_fn(|c| present[c][l] * (1.0 - coverage));
             (0..3).for_each(|c| present[c][l] *= coverage);
             let ray = traced.packet.ray(l);
-            let sent = RayWorkItem {
+            let mut sent = RayWorkItem {
                 // Continue as the same ray beyond the hit, so that no surface is hit twice or missed.
                 ray: Ray {
                     t_near: ray.t_far.next_up(),
@@ -219,7 +219,7 @@ impl ShadingState<'_, '_> {
                     ..travel
                 }),
             };
-            self.send::<false>(&sent, 0);
+            self.send::<false>(&mut sent, 0);
         }
         present
     }
@@ -334,14 +334,14 @@ impl ShadingState<'_, '_> {
         let ng = points.geometric_normal(l);
         let side = if travel.direction.dot(ng) < 0.0 { -ng } else { ng };
         let origin = points.leave(l, side);
-        let sent = RayWorkItem {
+        let mut sent = RayWorkItem {
             ray: Ray::new(origin, travel.direction.as_vec3()),
             pixel: boundary_hit.pixel,
             weight,
             sender,
             travel: Some(travel),
         };
-        self.send::<false>(&sent, 0);
+        self.send::<false>(&mut sent, 0);
     }
 }
 

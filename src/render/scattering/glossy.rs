@@ -161,7 +161,7 @@ impl ShadingState<'_, '_> {
         for (number, ray) in (0..).zip(rays).filter(|(_, ray)| ray.leaves[l]) {
             let direction = DVec3::from([0, 1, 2].map(|axis| ray.direction[axis][l]));
             let reflectance = surfaces.materials.microfacet_reflectance(ray.cos_i[l], l);
-            let sent = RayWorkItem {
+            let mut sent = RayWorkItem {
                 ray: Ray::new(origin, direction.as_vec3()),
                 pixel: traced.pixel[l],
                 weight: std::array::from_fn(|c| traced.weight[c][l] * reflectance[c] * ray.share[l]),
@@ -174,7 +174,7 @@ impl ShadingState<'_, '_> {
                     ..arrival.one_of(number, rays.len() as u32)
                 }),
             };
-            self.send::<false>(&sent, stage.depth + 1);
+            self.send::<false>(&mut sent, stage.depth + 1);
         }
     }
 

@@ -279,6 +279,11 @@ impl PathStatePacket<'_> {
         self.path_states.depth.get(self.packet, l, 0)
     }
 
+    /// Returns the number of diffuse surfaces that lane `l` has left; 0 if paths do not count them.
+    pub(in crate::render) fn bounces(&self, l: usize) -> u32 {
+        self.path_states.bounces.get(self.packet, l, 0)
+    }
+
     /// Returns the unit direction of lane `l`, before it is rounded to the f32 direction of the ray.
     pub(in crate::render) fn direction(&self, l: usize) -> DVec3 {
         self.path_states.direction.get(self.packet, l, DVec3::ZERO)

@@ -307,7 +307,7 @@ impl ShadingState<'_, '_> {
             }
             let vector = |v: &Lanes3<f32>| Vec3::new(v[0][l], v[1][l], v[2][l]);
             let direction = vector(&mirrored.direction);
-            let sent = RayWorkItem {
+            let mut sent = RayWorkItem {
                 ray: Ray::new(vector(&points.origin), direction),
                 pixel: traced.pixel[l],
                 weight,
@@ -332,7 +332,7 @@ impl ShadingState<'_, '_> {
                     }
                 }),
             };
-            self.send::<BASIC>(&sent, stage.depth + 1);
+            self.send::<BASIC>(&mut sent, stage.depth + 1);
         }
         self.meter.part(Category::Reflection);
     }
@@ -342,7 +342,7 @@ impl ShadingState<'_, '_> {
     ///
     /// `steps` is the number of bounces including this one; it is used where the path itself does not count them.
     #[inline(always)]
-    pub(in crate::render) fn send<const BASIC: bool>(&mut self, sent: &RayWorkItem, steps: u32) {
+    pub(in crate::render) fn send<const BASIC: bool>(&mut self, sent: &mut RayWorkItem, steps: u32) {
         // With dispersion, weights of a single wavelength may be negative.
         let largest = sent.weight.into_iter().map(f32::abs).fold(0.0, f32::max);
         // Drop rays that cannot contribute
@@ -352,12 +352,12 @@ impl ShadingState<'_, '_> {
     }
 
     /// Queues a ray like [`ShadingState::send`], where `largest` is the largest magnitude of its weight.
-    fn send_within_limits<const BASIC: bool>(&mut self, sent: &RayWorkItem, steps: u32, largest: f32) {
+    fn send_within_limits<const BASIC: bool>(&mut self, sent: &mut RayWorkItem, steps: u32, largest: f32) {
         let settings = &self.frame.settings;
         if self.effects::<BASIC>().has_random_paths()
-            && let Some(travel) = sent.travel.as_ref().filter(|travel| travel.bounces > 0)
+            && sent.travel.as_ref().is_some_and(|travel| travel.bounces > 0)
         {
-            return self.send_behind_bounce(sent, travel);
+            return self.send_behind_bounce(sent);
         }
         let depth = match &sent.travel {
             Some(travel) if self.effects::<BASIC>().counts_bounces() => travel.depth,

@@ -25,6 +25,8 @@ mod quartiles;
 mod render_to_error;
 mod shading;
 #[cfg(feature = "embree")]
+mod small_trees;
+#[cfg(feature = "embree")]
 mod spheres;
 mod texture_filtering;
 mod timing_protocol;
@@ -73,6 +75,12 @@ const MEASUREMENTS: &[Measurement] = &[
         name: "packet_width",
         description: "the rate of single incoherent rays over that of packets, by the number of spheres",
         run: packet_width::run,
+    },
+    #[cfg(feature = "embree")]
+    Measurement {
+        name: "small_trees",
+        description: "the time of packets through small meshes over that of single rays",
+        run: small_trees::run,
     },
     #[cfg(feature = "embree")]
     Measurement {

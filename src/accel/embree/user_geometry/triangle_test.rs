@@ -10,9 +10,9 @@ use super::hit_record::{number_of, record_hit};
 use super::triangle_cluster::{CORNERS, MEMBERS, TriangleCluster};
 use crate::accel::embree::query::ray_packet::{CallbackPacket, active_lanes, row};
 use crate::accel::{ACTIVE, Hit, NO_HIT, Query};
-use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch, div, lanes};
+use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch_sixteen, div, lanes};
 use crate::mesh::triangle::{
-    HitLanes, PACK, ProjectedVertices, Shear, ShearLanes, dominant_axes, may_contain_origin,
+    HitLanes, LaneAxes, PACK, ProjectedVertices, Shear, ShearLanes, dominant_axes, may_contain_origin,
 };
 use crate::numeric::Ray;
 
@@ -28,7 +28,7 @@ pub(super) fn intersect_cluster<const W: usize>(
     active: &[i32; W],
     query_kind: Query,
 ) -> [i32; W] {
-    dispatch(ClusterKernel {
+    dispatch_sixteen(ClusterKernel {
         cluster,
         packet,
         active,
@@ -65,15 +65,18 @@ impl<const W: usize> SimdKernel for ClusterKernel<'_, W> {
             }
             return hit;
         }
-        // Group the rays by dominant axis and test each group against one triangle after the other
+        // Test many against one triangle after the other, in the order of the axes that is theirs
         let origin = self.packet.vectors::<W>(row::ORIGIN);
         let direction = self.packet.vectors::<W>(row::DIRECTION);
         let along = dominant_axes(isa, &direction);
-        for axis in 0..3 {
-            let group = along[axis] & active;
-            if group != 0 {
+        match along.iter().position(|&lanes| active & !lanes == 0) {
+            Some(axis) => {
                 let shears = ShearLanes::new(axis, &origin, &direction);
-                self.intersect_group(isa, &shears, group, &mut hit);
+                self.intersect_rays(isa, &shears, active, &mut hit);
+            }
+            None => {
+                let shears = ShearLanes::of_each(isa, &origin, &direction);
+                self.intersect_rays(isa, &shears, active, &mut hit);
             }
         }
         hit
@@ -97,17 +100,20 @@ impl<const W: usize> ClusterKernel<'_, W> {
         }
     }
 
-    /// Tests the rays of `group`, all with the dominant axis of `shears`, against one triangle after the other.
+    /// Tests the rays of the mask `tested` against one triangle after the other.
     #[inline(always)]
-    fn intersect_group<I: SimdLevel>(&self, isa: I, shears: &ShearLanes<W>, group: u32, hit: &mut [i32; W]) {
+    fn intersect_rays<I: SimdLevel, A: LaneAxes<W>>(
+        &self,
+        isa: I,
+        shears: &ShearLanes<W, A>,
+        tested: u32,
+        hit: &mut [i32; W],
+    ) {
         let cluster = self.cluster;
         // Project each vertex of the cluster once for all rays
         let mut projected = [const { MaybeUninit::<ProjectedVertices<W>>::uninit() }; CORNERS];
-        let mut depths = [0.0; CORNERS];
         for (index, slot) in projected.iter_mut().enumerate().take(cluster.corner_count()) {
-            let corner = shears.along_axes(cluster.corner(index));
-            slot.write(shears.flatten(corner));
-            depths[index] = corner[2];
+            slot.write(shears.flatten(cluster.corner(index)));
         }
         let first = projected.as_ptr().cast::<ProjectedVertices<W>>();
         // SAFETY: a triangle's vertex indices are below `corner_count`, and that many elements were written.
@@ -116,7 +122,7 @@ impl<const W: usize> ClusterKernel<'_, W> {
         let (mut masks, mut members) = ([0u32; MEMBERS], 0u32);
         for member in 0..cluster.member_count() {
             let [a, b, c] = cluster.triangle(member);
-            let maybe = may_contain_origin(isa, [flat(a), flat(b), flat(c)]) & group;
+            let maybe = may_contain_origin(isa, [flat(a), flat(b), flat(c)]) & tested;
             masks[member] = maybe;
             members |= u32::from(maybe != 0) << member;
         }
@@ -126,11 +132,12 @@ impl<const W: usize> ClusterKernel<'_, W> {
         // Intersect the remaining triangles and keep the nearest hits
         let mut found = TriangleHits::of(self.packet);
         let t_near: [f32; W] = self.packet.floats(row::T_NEAR);
-        let mut active = group;
+        let mut active = tested;
         for member in lanes(members) {
             let maybe = masks[member] & active;
             let [a, b, c] = cluster.triangle(member);
-            let triangle = ([flat(a), flat(b), flat(c)], [depths[a], depths[b], depths[c]]);
+            let corners = [cluster.corner(a), cluster.corner(b), cluster.corner(c)];
+            let triangle = ([flat(a), flat(b), flat(c)], corners);
             let (mut new_hits, on_edge) =
                 shears.intersect_projected(isa, triangle, maybe, [&t_near, &found.t]);
             // Resolve rays on an edge in f64, one by one
@@ -164,10 +171,10 @@ impl<const W: usize> ClusterKernel<'_, W> {
 /// Retests the rays that lie on an edge one by one, with the f64 fallback of the scalar test.
 #[cold]
 #[inline(never)]
-fn resolve_on_edge<const W: usize>(
+fn resolve_on_edge<const W: usize, A: LaneAxes<W>>(
     new_hits: &mut HitLanes<W>,
     on_edge: u32,
-    (shears, cluster, member): (&ShearLanes<W>, TriangleCluster, usize),
+    (shears, cluster, member): (&ShearLanes<W, A>, TriangleCluster, usize),
     [t_near, t_far]: [&[f32; W]; 2],
 ) {
     let corners = cluster.triangle(member).map(|corner| cluster.corner(corner));

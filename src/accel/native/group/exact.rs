@@ -10,7 +10,7 @@ use crate::accel::native::single::{SingleStack, trace_lane};
 use crate::accel::native::triangle_run::TriangleRun;
 use crate::accel::{LANES, Query, RayPacket};
 use crate::mesh::simd::{Float8, SimdLevel, lanes};
-use crate::mesh::triangle::{ShearLanes, dominant_axes};
+use crate::mesh::triangle::ShearLanes;
 use crate::numeric::Lanes;
 
 use super::frame::{HALVES, half_mut, splat};
@@ -73,34 +73,25 @@ impl ExactHits<'_, '_> {
                 }
             }
         }
-        // Intersect the rays along each axis with their triangles
-        let along = dominant_axes(isa, &packet.direction);
-        let mut missed = 0;
-        for axis in 0..3 {
-            let rays = along[axis] & hits;
-            if rays == 0 {
-                continue;
-            }
-            let shears = ShearLanes::new(axis, &packet.origin, &packet.direction);
-            let exact = shears.intersect_each(isa, &corners, &packet.t_near, &packet.t_far);
-            let found = exact.mask & rays;
-            missed |= rays & !found;
-            // Store the hits; the instance follows from the number
-            for lane in 0..LANES {
-                let is_found = found >> lane & 1 != 0;
-                let choose = |new: f32, old: f32| if is_found { new } else { old };
-                packet.t_far[lane] = choose(exact.t[lane], packet.t_far[lane]);
-                packet.u[lane] = choose(exact.u[lane], packet.u[lane]);
-                packet.v[lane] = choose(exact.v[lane], packet.v[lane]);
-                packet.primitive[lane] = if is_found {
-                    numbers[lane]
-                } else {
-                    packet.primitive[lane]
-                };
-                packet.instance[lane] = if is_found { 0 } else { packet.instance[lane] };
-            }
+        // Intersect each ray with its triangle
+        let shears = ShearLanes::of_each(isa, &packet.origin, &packet.direction);
+        let exact = shears.intersect_each(isa, &corners, &packet.t_near, &packet.t_far);
+        let found = exact.mask & hits;
+        // Store the hits; the instance follows from the number
+        for lane in 0..LANES {
+            let is_found = found >> lane & 1 != 0;
+            let choose = |new: f32, old: f32| if is_found { new } else { old };
+            packet.t_far[lane] = choose(exact.t[lane], packet.t_far[lane]);
+            packet.u[lane] = choose(exact.u[lane], packet.u[lane]);
+            packet.v[lane] = choose(exact.v[lane], packet.v[lane]);
+            packet.primitive[lane] = if is_found {
+                numbers[lane]
+            } else {
+                packet.primitive[lane]
+            };
+            packet.instance[lane] = if is_found { 0 } else { packet.instance[lane] };
         }
-        missed
+        hits & !found
     }
 }
 

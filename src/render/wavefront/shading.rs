@@ -233,7 +233,15 @@ impl ShadingState<'_, '_> {
 
     #[inline(never)]
     fn add_emission(&mut self, traced: TracedPacket, surfaces: &Surfaces, stage: BatchInfo) {
-        let background = self.frame.background_along(&traced, stage);
+        // Look up the background if any ray missed the scene
+        let mut missed = false;
+        for l in 0..LANES {
+            missed |= (traced.packet.active[l] != 0) & !surfaces.points.hit[l];
+        }
+        let background = match missed {
+            true => self.frame.background_along(&traced, stage),
+            false => [[0.0; LANES]; 3],
+        };
         let light = direct::AmbientTerms {
             ambient: self.frame.ambient,
             background: &background,

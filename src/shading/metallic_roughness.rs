@@ -75,7 +75,11 @@ impl MaterialPacket {
     #[inline(always)]
     fn fresnel<const EXTENDED: bool, const SPECIAL: bool>(&self, cosine: f32, l: usize) -> [f32; 3] {
         let grazing = fifth_power(1.0 - cosine);
-        let schlick = std::array::from_fn(|channel| self.schlick::<EXTENDED>(grazing, channel, l));
+        let schlick = [
+            self.schlick::<EXTENDED>(grazing, 0, l),
+            self.schlick::<EXTENDED>(grazing, 1, l),
+            self.schlick::<EXTENDED>(grazing, 2, l),
+        ];
         if SPECIAL {
             self.with_film(schlick, cosine, l)
         } else {

@@ -2,8 +2,8 @@
 //! together.
 //!
 //! The tree holds the triangles of all baked meshes. Camera rays of a pinhole, and shadow rays to a point or a direction,
-//! traverse it in groups of up to 1024 (`group`); all others one at a time (`single`). Shapes and instanced meshes are
-//! left to a BSP, and infinite planes are tested last.
+//! traverse it in groups of up to 1024 (`group`); all others one at a time (`single`), or sixteen at a time through a small
+//! tree (`packet`). Shapes and instanced meshes are left to a BSP, and infinite planes are tested last.
 
 mod build;
 mod group;

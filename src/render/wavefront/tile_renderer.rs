@@ -469,8 +469,11 @@ impl TileRenderer<'_, '_> {
 ))]
 fn lane_positions(frame: &RenderContext, block: &Block, group: &SampleGroup) -> [Lanes<f64>; 2] {
     let (tile, corner) = (block.tile, block.corner);
-    let x = frame.pixels[0].map(|x| tile.x + corner.0 + x);
-    let y = frame.pixels[1].map(|y| tile.y + corner.1 + y);
+    let (mut x, mut y) = ([0; LANES], [0; LANES]);
+    for l in 0..LANES {
+        x[l] = tile.x + corner.0 + frame.pixels[0][l];
+        y[l] = tile.y + corner.1 + frame.pixels[1][l];
+    }
     frame.layout.lane_positions(&x, &y, group, frame.settings.seed)
 }
 

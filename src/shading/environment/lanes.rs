@@ -1,6 +1,7 @@
 //! Look-up and sampling of an environment map in sixteen lanes at once, with the bits of single directions.
 //!
-//! Only the reads of tables and texels go lane by lane.
+//! Only the reads of tables and texels go lane by lane. Closures are few: one that is not inlined would be compiled for the
+//! lowest instruction set.
 
 use multiversion::multiversion;
 
@@ -65,6 +66,16 @@ impl EnvironmentMap {
         }
         texels
     }
+
+    /// Reads the densities of rows.
+    #[inline(always)]
+    fn row_densities_at(&self, row: &Lanes<u32>) -> Lanes<f64> {
+        let mut densities = [0.0; LANES];
+        for l in 0..LANES {
+            densities[l] = self.row_densities[row[l] as usize];
+        }
+        densities
+    }
 }
 
 #[multiversion(targets(
@@ -77,7 +88,7 @@ fn look_up_lanes(map: &EnvironmentMap, directions: &Lanes3<f64>, found: &mut Env
     let mut fraction = [[0.0; LANES]; 2];
     let mut sines = [0.0; LANES];
     for l in 0..LANES {
-        let [x, y, z] = [0, 1, 2].map(|axis| directions[axis][l]);
+        let [x, y, z] = [directions[0][l], directions[1][l], directions[2][l]];
         let position = map.position_at(map.cell_coordinates([x, y, z]));
         (column[l], row[l]) = (position.column as u32, position.row as u32);
         (0..2).for_each(|axis| fraction[axis][l] = position.fraction[axis]);
@@ -85,7 +96,7 @@ fn look_up_lanes(map: &EnvironmentMap, directions: &Lanes3<f64>, found: &mut Env
     }
     // Interpolate between texels
     let texels = map.texels(&column, &row);
-    let row_density: Lanes<f64> = std::array::from_fn(|l| map.row_densities[row[l] as usize]);
+    let row_density = map.row_densities_at(&row);
     interpolate(&texels, &fraction, &mut found.radiance);
     densities(&row_density, &sines, &found.radiance, &mut found.pdf);
 }
@@ -107,11 +118,13 @@ fn sample_lanes(map: &EnvironmentMap, u: &[Lanes<f64>; 2], samples: &mut Environ
         (column[l], across[l]) = (chosen as u32, within);
     }
     let texels = map.texels(&column, &row);
-    let row_density: Lanes<f64> = std::array::from_fn(|l| map.row_densities[row[l] as usize]);
+    let row_density = map.row_densities_at(&row);
     // Sample the positions within the cells by their bilinear luminance
     let mut fraction = [[0.0; LANES]; 2];
     for l in 0..LANES {
-        let [a, b, c, d] = [0, 1, 2, 3].map(|corner: usize| luminance(lane(&texels[corner], l)));
+        let [a, b, c, d] = &texels;
+        let (a, b) = (luminance(lane(a, l)), luminance(lane(b, l)));
+        let (c, d) = (luminance(lane(c, l)), luminance(lane(d, l)));
         let t = warp::linear(a + b, c + d, down[l]);
         fraction[0][l] = warp::linear(a + t * (c - a), b + t * (d - b), across[l]);
         fraction[1][l] = t;
@@ -135,7 +148,8 @@ fn sample_lanes(map: &EnvironmentMap, u: &[Lanes<f64>; 2], samples: &mut Environ
 fn interpolate(texels: &TexelLanes, fraction: &[Lanes<f64>; 2], radiance: &mut Lanes3<f32>) {
     for channel in 0..3 {
         for l in 0..LANES {
-            let corners = [0, 1, 2, 3].map(|corner: usize| texels[corner][channel][l]);
+            let [a, b, c, d] = texels;
+            let corners = [a[channel][l], b[channel][l], c[channel][l], d[channel][l]];
             radiance[channel][l] = bilinear(corners, [fraction[0][l], fraction[1][l]]);
         }
     }

@@ -54,11 +54,18 @@ impl MaterialPacket {
     }
 
     /// Returns the thin films of all lanes.
+    #[inline(always)]
     pub(super) fn films(&self) -> ThinFilmLanes<'_> {
+        let mut f0 = [[0.0; LANES]; 3];
+        for channel in 0..3 {
+            for l in 0..LANES {
+                f0[channel][l] = self.f0::<true>(channel, l);
+            }
+        }
         ThinFilmLanes {
             ior: &self.extended.film_ior,
             thickness: &self.extended.film_thickness,
-            f0: [0, 1, 2].map(|channel| std::array::from_fn(|l| self.f0::<true>(channel, l))),
+            f0,
         }
     }
 

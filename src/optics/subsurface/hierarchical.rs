@@ -59,10 +59,13 @@ fn gather(tree: &IrradianceTree, p: &Lanes3<f64>, mask: &Lanes<bool>) -> Exitanc
         evaluation_counts: [0; LANES],
     };
     let mut walk = Walk {
-        resume: mask.map(|takes_part| if takes_part { 0 } else { u32::MAX }),
+        resume: [0; LANES],
         far: [0; LANES],
         near: [0; LANES],
     };
+    for l in 0..LANES {
+        walk.resume[l] = if mask[l] { 0 } else { u32::MAX };
+    }
     // Walk the octree, skipping the subtrees that are far from all points
     let mut n = 0;
     while let Some(node) = tree.nodes.get(n as usize) {

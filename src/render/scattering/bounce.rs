@@ -36,9 +36,9 @@ use crate::shading::{MaterialPacket, diffuse_weights};
 const FIRST_BOUNCE_WEIGHT: f32 = 0.125;
 
 /// Directions that are distributed by the cosine to the shading normals of sixteen surfaces.
-struct BounceDirections {
+pub(in crate::render) struct BounceDirections {
     /// Unit vectors in world space, on the other side where light is transmitted.
-    direction: Lanes3<f64>,
+    pub(in crate::render) direction: Lanes3<f64>,
     /// Cosines to the shading normals, positive.
     cosine: Lanes<f64>,
 }
@@ -205,7 +205,11 @@ impl ShadingState<'_, '_> {
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
-fn cosine_directions(points: &SurfacePacket, u: &[Lanes<f64>; 2], sides: &Lanes<f64>) -> BounceDirections {
+pub(in crate::render) fn cosine_directions(
+    points: &SurfacePacket,
+    u: &[Lanes<f64>; 2],
+    sides: &Lanes<f64>,
+) -> BounceDirections {
     let mut bounces = BounceDirections {
         direction: [[0.0; LANES]; 3],
         cosine: [0.0; LANES],

@@ -285,7 +285,7 @@ mod tests {
             n.dot(Vec3::new(1.0, 2.0, 3.0)).abs() + f32::from(u8::from(n.min_element() < -0.5)) * 3.0
         };
         let side_light = |side: usize| SideLight {
-            radiance: [if side % 2 == 0 { face(side) } else { back }; 3],
+            radiance: [if side.is_multiple_of(2) { face(side) } else { back }; 3],
             visible: 1.0,
             ..SideLight::default()
         };

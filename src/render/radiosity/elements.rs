@@ -35,6 +35,8 @@ pub struct ElementScene {
     pub(super) elements: Vec<SurfaceElement>,
     /// Number of the first element of each instance.
     first: Vec<u32>,
+    /// Side of each instance that is inside of a closed surface: 0 for the front, 1 for the back.
+    inside: Vec<Option<usize>>,
 }
 
 /// Triangle of uniform radiosity.
@@ -74,6 +76,7 @@ impl ElementScene {
         }
         // Replace the geometry of each instance by a refined mesh
         let (mut elements, mut first) = (Vec::new(), Vec::new());
+        let mut inside = Vec::new();
         for number in 0..scene.instances.len() {
             let refined = coarse_mesh(&scene, &scene.instances[number], spacing)
                 .map(|mesh| refine(&mesh, &scene.instances[number], spacing, elements.len()))
@@ -81,9 +84,11 @@ impl ElementScene {
                 .filter(|mesh| !mesh.triangles.is_empty());
             let Some(mesh) = refined else {
                 first.push(NO_ELEMENTS);
+                inside.push(None);
                 continue;
             };
             first.push(elements.len() as u32);
+            inside.push(inner_side(&mesh));
             let geometry = scene.geometries.len() as u32;
             let instance = &mut scene.instances[number];
             instance.geometry = geometry;
@@ -109,6 +114,7 @@ impl ElementScene {
             warnings,
             elements,
             first,
+            inside,
         })
     }
 
@@ -123,6 +129,11 @@ impl ElementScene {
             NO_ELEMENTS => None,
             first => Some(first + primitive),
         }
+    }
+
+    /// Returns the side of an instance that is inside of a closed surface, as in a solid: 0 for the front, 1 for the back.
+    pub(super) fn inner_side(&self, instance: usize) -> Option<usize> {
+        self.inside[instance]
     }
 
     /// Returns the mesh of an instance with elements.
@@ -191,6 +202,35 @@ fn push_elements(elements: &mut Vec<SurfaceElement>, number: u32, instance: &Ins
             area: across.length(),
             normal: across.normalize_or_zero().as_vec3(),
         });
+    }
+}
+
+/// Returns the inner side of a mesh if it is closed: every edge between two positions has as many triangles in one direction
+/// as in the other. The inner side of a positive volume is the back.
+fn inner_side(mesh: &Mesh) -> Option<usize> {
+    let bits = |p: Vec3| p.to_array().map(|x| (x + 0.0).to_bits());
+    let middle = mesh.bounds().center();
+    let mut balance: HashMap<[[u32; 3]; 2], i32> = HashMap::new();
+    let mut volume = 0.0;
+    for triangle in 0..mesh.triangles.len() as u32 {
+        let ends = mesh.corners(triangle).map(bits);
+        // Count each edge under one name for both directions
+        for (a, b) in [(0, 1), (1, 2), (2, 0)] {
+            let is_ascending = ends[a] < ends[b];
+            let name = if is_ascending {
+                [ends[a], ends[b]]
+            } else {
+                [ends[b], ends[a]]
+            };
+            *balance.entry(name).or_default() += if is_ascending { 1 } else { -1 };
+        }
+        let [a, b, c] = mesh.corners_f64(triangle).map(|p| p - middle);
+        volume += a.dot(b.cross(c));
+    }
+    let is_closed = balance.values().all(|&count| count == 0);
+    match is_closed && volume != 0.0 {
+        true => Some(usize::from(volume > 0.0)),
+        false => None,
     }
 }
 
@@ -386,20 +426,19 @@ mod tests {
         let place = DAffine3::from_scale(DVec3::new(3.0, 1.0, -0.2));
         for shape in [Shape::Cube, Shape::Sphere(Sphere::UNIT)] {
             let elements = ElementScene::new(scene_of(Geometry::Shape(shape), place), 3000).unwrap();
-            // Every edge belongs to two triangles, in opposite directions
-            let mut edges: HashMap<[[u32; 3]; 2], i32> = HashMap::new();
+            assert_eq!(elements.inner_side(0), Some(1));
             for element in elements.elements() {
                 let corners = elements.corners(element).map(|p| p.as_vec3());
-                let bits = corners.map(|p| p.to_array().map(|x| (x + 0.0).to_bits()));
-                for k in 0..3 {
-                    let [a, b] = [k, (k + 1) % 3];
+                for (a, b) in [(0, 1), (1, 2), (2, 0)] {
                     assert!(corners[a].distance(corners[b]) <= elements.spacing as f32 * 1.000_001);
-                    *edges.entry([bits[a], bits[b]]).or_default() += 1;
-                    *edges.entry([bits[b], bits[a]]).or_default() -= 1;
                 }
+                // Fronts look outwards although the transform mirrors
+                assert!(element.normal.dot(corners[0]) > 0.0);
             }
-            assert!(edges.values().all(|&count| count == 0));
         }
+        // A disk is open
+        let disk = scene_of(Geometry::Shape(Shape::Disk), place);
+        assert_eq!(ElementScene::new(disk, 300).unwrap().inner_side(0), None);
     }
 
     #[test]

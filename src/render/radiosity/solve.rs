@@ -60,17 +60,12 @@ pub fn solve(
         } else {
             [0.0; 3]
         };
-        let element = &elements.elements()[side / 2];
-        let visible = match transport.is_unlit(element.instance, side) {
-            true => 0.0,
-            false => transport.visible_fraction(side, RaySet::All) as f32,
-        };
         SideLight {
             radiance: [0, 1, 2].map(|c| solved.radiance[side][c] + own[c]),
             gathered: solved.gathered[side],
             albedo: source.albedo,
             is_emissive: source.emission != [0.0; 3],
-            visible,
+            visible: transport.visible_fraction(side, RaySet::All) as f32,
         }
     };
     let sides: Vec<SideLight> = (0..solved.radiance.len()).map(side_light).collect();

@@ -10,8 +10,8 @@
 //! solutions of independent noise; half of their difference has the standard deviation of their mean.
 //!
 //! Parts of elements inside of solids, such as a floor below a wall, receive no light. Their rays hit the inner side of a
-//! surface, which is known by receiving nothing while its outer side does. Such rays are left out of all means, so that an
-//! element represents its visible part.
+//! surface, which is known by receiving nothing while its outer side does; the inner side of a closed mesh, by receiving
+//! nothing straight from sources. Such rays are left out of all means, so that an element represents its visible part.
 
 use super::super::monitor::{Cancelled, Monitor};
 use super::elements::{ElementScene, SurfaceElement};
@@ -88,32 +88,48 @@ impl<'e> Transport<'e> {
     }
 
     /// Returns whether no light reaches a side of an instance, while it reaches the other.
-    pub(super) fn is_unlit(&self, instance: u32, side: usize) -> bool {
+    fn is_unlit(&self, instance: u32, side: usize) -> bool {
         self.is_unlit[2 * instance as usize + side % 2]
     }
 
-    /// Returns the fraction of the rays of a side that start outside of solids.
+    /// Returns the fraction of the rays of a side that start outside of solids; 0 for the side of a solid's surface that is
+    /// inside.
     pub(super) fn visible_fraction(&self, side: usize, set: RaySet) -> f64 {
+        if self.is_unlit(self.elements.elements()[side / 2].instance, side) {
+            return 0.0;
+        }
         let hits = self.hits(side, set);
         let visible = hits.iter().filter(|&&hit| hit != INSIDE).count();
         visible as f64 / hits.len() as f64
     }
 
+    /// Returns the mean emitted radiance that the rays of a side find, summed over the channels.
+    fn emission_found(&self, side: usize) -> f64 {
+        let hits = self.hits(side, RaySet::All);
+        let seen = hits.iter().filter(|&&hit| hit != NO_SIDE);
+        let found: f64 = seen.map(|&hit| sum(self.source(hit as usize).emission)).sum();
+        found / hits.len() as f64
+    }
+
     /// Finds the sides of instances that no light reaches, in a first solution, and leaves out the rays that hit them.
     pub(super) fn find_unlit(&mut self, solved: &SolvedSides) {
-        // Sum up the incident light of both sides of each instance
+        // Sum up the incident light of both sides of each instance, and that which comes straight from sources
         let mut power = vec![0.0; self.is_unlit.len()];
+        let mut direct = vec![0.0; self.is_unlit.len()];
         for side in 0..solved.radiance.len() {
             let element = &self.elements.elements()[side / 2];
-            let source = self.source(side);
-            let incident =
-                |c: usize| source.incident[0][c] + source.incident[1][c] + solved.gathered[side][c];
-            power[2 * element.instance as usize + side % 2] +=
-                element.area * (0..3).map(|c| f64::from(incident(c))).sum::<f64>();
+            let number = 2 * element.instance as usize + side % 2;
+            let [one, other] = self.source(side).incident.map(sum);
+            let from_sources = 0.5 * (one + other) + self.emission_found(side);
+            direct[number] += element.area * from_sources;
+            power[number] += element.area * (0.5 * (one + other) + sum(solved.gathered[side]));
         }
-        // Compare each side with the other
-        for (side, is_unlit) in self.is_unlit.iter_mut().enumerate() {
-            *is_unlit = power[side] <= UNLIT * power[side ^ 1] && power[side ^ 1] > 0.0;
+        // Compare each side with the other. Elements that are partly outside of a solid light its inside by mistake, so that
+        // only light straight from sources counts there
+        for side in 0..self.is_unlit.len() {
+            let is_inner = self.elements.inner_side(side / 2) == Some(side % 2);
+            let received = if is_inner { direct[side] } else { power[side] };
+            self.is_unlit[side] = received <= UNLIT * power[side ^ 1] && power[side ^ 1] > 0.0;
         }
         // Mark the rays
         let (elements, is_unlit) = (self.elements.elements(), &self.is_unlit);
@@ -125,6 +141,15 @@ impl<'e> Transport<'e> {
                     .get(side / 2)
                     .is_some_and(|element| is_unlit[instance(element)])
             {
+                *hit = INSIDE;
+            }
+        }
+        // Leave out rays that hit elements of which no ray represents a visible part
+        let is_hidden: Vec<bool> = (0..solved.radiance.len())
+            .map(|side| self.hits(side, RaySet::All).iter().all(|&hit| hit == INSIDE))
+            .collect();
+        for hit in self.chunks.iter_mut().flat_map(|chunk| &mut chunk.hits) {
+            if is_hidden.get(*hit as usize) == Some(&true) {
                 *hit = INSIDE;
             }
         }
@@ -258,12 +283,11 @@ impl<'e> Transport<'e> {
         let (mut squares, mut sum, mut areas) = (0.0, 0.0, 0.0);
         for side in 0..halves[0].radiance.len() {
             let [one, other] = halves.map(|half| half.radiance[side].map(|channel| channel.min(white)));
-            let element = &self.elements.elements()[side / 2];
             // Skip the insides of solids and unlit rooms
-            if (one == [0.0; 3] && other == [0.0; 3]) || self.is_unlit(element.instance, side) {
+            if one == [0.0; 3] && other == [0.0; 3] {
                 continue;
             }
-            let area = element.area * self.visible_fraction(side, RaySet::All);
+            let area = self.elements.elements()[side / 2].area * self.visible_fraction(side, RaySet::All);
             for c in 0..3 {
                 let [one, other] = [one[c], other[c]].map(f64::from);
                 squares += area * (0.5 * (one - other)).powi(2);
@@ -276,4 +300,9 @@ impl<'e> Transport<'e> {
             false => 0.0,
         }
     }
+}
+
+/// Returns the sum of the channels.
+fn sum(channels: [f32; 3]) -> f64 {
+    channels.into_iter().map(f64::from).sum()
 }

@@ -235,7 +235,7 @@ fn sunk_cube() -> Scene {
 
 #[test]
 fn white_surfaces_under_a_white_sky_are_white_up_to_where_they_enter_solids() {
-    let solved = Solved::new(sunk_cube(), 3000, with_tolerance(64, 1e-7));
+    let solved = Solved::new(sunk_cube(), 3000, with_tolerance(64, 1e-6));
     let (mut visible, mut partly, mut hidden) = (0, 0, 0);
     for side in &solved.solution.sides {
         match side.visible {
@@ -354,7 +354,7 @@ fn bake_of_the_cornell_box_looks_like_its_interreflection_and_opens_with_its_cam
     baked.background = Background::default();
     let white = white_radiance(&path);
     let original = whit::scene_file::load(Path::new(CORNELL_BOX), &LoadOptions::default()).unwrap();
-    // Compare both images, with what is brighter than white clipped
+    // Compare both images where no part of a pixel is brighter than white
     let render_settings = |spp: u32| RenderSettings {
         width: 48,
         height: 48,
@@ -372,9 +372,10 @@ fn bake_of_the_cornell_box_looks_like_its_interreflection_and_opens_with_its_cam
 
 /// Largest mean absolute difference relative to the mean: 3 % are noise of 256 paths per pixel, the rest edges of shadows and
 /// of objects, which elements and pixels of a tenth of a metre blur.
-const MAX_DIFFERENCE: f64 = 0.08;
-/// Largest difference of the means: 0.2 % of noise of all paths and of all rays, and clipping of noise at white.
-const MAX_MEAN_DIFFERENCE: f64 = 0.02;
+const MAX_DIFFERENCE: f64 = 0.05;
+/// Largest difference of the means: noise of all paths and of all rays is 0.2 %, and the floor at the edges of the blocks is
+/// darker by 2 %, because elements there are partly under the blocks, which are open below.
+const MAX_MEAN_DIFFERENCE: f64 = 0.01;
 
 /// Returns the radiance of white that a bake states.
 fn white_radiance(path: &Path) -> f64 {
@@ -385,18 +386,22 @@ fn white_radiance(path: &Path) -> f64 {
 }
 
 /// Returns the mean absolute difference of a bake's image from the original and the mean difference, relative to the mean of
-/// the original.
+/// the original, over all pixels that are not brighter than white.
 fn relative_differences(bake: &LinearImage, truth: &LinearImage, white: f64) -> [f64; 2] {
-    let (mut differences, mut sum) = ([0.0; 2], 0.0);
+    let (mut differences, mut sum, mut count) = ([0.0; 2], 0.0, 0);
     for (pixel, truth) in bake.pixels.iter().zip(&truth.pixels) {
+        if truth.iter().any(|&channel| f64::from(channel) > white) {
+            continue;
+        }
+        count += 1;
         for c in 0..3 {
-            let truth = f64::from(truth[c]).min(white);
-            let difference = white * f64::from(pixel[c]) - truth;
+            let difference = white * f64::from(pixel[c]) - f64::from(truth[c]);
             differences[0] += difference.abs();
             differences[1] += difference;
-            sum += truth;
+            sum += f64::from(truth[c]);
         }
     }
+    assert!(count > bake.pixels.len() * 9 / 10, "{count}");
     differences.map(|difference| difference / sum)
 }
 

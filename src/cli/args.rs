@@ -14,6 +14,7 @@ mod gltf;
 mod image_format;
 mod program;
 mod progress;
+mod radiosity;
 mod ray_offset;
 mod verify;
 mod view;
@@ -37,6 +38,7 @@ pub(super) use gltf::GltfArgs;
 pub(super) use image_format::OutputArgs;
 pub(super) use program::{CompletionsArgs, HelpArgs, ManArgs};
 pub(super) use progress::ProgressArgs;
+pub(super) use radiosity::RadiosityArgs;
 pub(super) use ray_offset::RayOffsetArgs;
 pub(super) use verify::VerifyArgs;
 pub(super) use view::ViewArgs;
@@ -101,6 +103,8 @@ pub(super) enum Command {
     Merge(MergeArgs),
     /// Print a summary of a scene as it was loaded
     Info(InfoArgs),
+    /// Bake the diffuse light of a scene into the vertex colours of a glTF file
+    Radiosity(Box<RadiosityArgs>),
     /// Print the JSON schema of scene files, for editors
     Schema,
     /// Compare the times of Embree and the BSP on the same recorded rays

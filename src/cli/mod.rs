@@ -27,6 +27,7 @@ mod job;
 mod output;
 mod preview;
 mod progress;
+mod radiosity;
 mod render;
 mod standard_error;
 mod verify;
@@ -59,6 +60,7 @@ pub(crate) fn run() -> i32 {
             Command::Batch(args) => batch::run(&args),
             Command::Merge(args) => batch::merge(&args),
             Command::Info(args) => info::run(&args),
+            Command::Radiosity(args) => radiosity::run(&args),
             Command::Schema => output::print(&whit::scene_file::json_schema()),
             Command::Bench(args) => bench::run(&args),
             Command::Verify(args) => verify::run(&args),

@@ -25,6 +25,7 @@ mod extension_support;
 mod material;
 mod mesh;
 mod node;
+mod write;
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -33,6 +34,7 @@ use glam::DMat3;
 
 pub use error::GltfError;
 pub use node::animation::AnimationTime;
+pub use write::{UnlitScene, write_unlit};
 
 use crate::mesh::Mesh;
 use crate::numeric::Bounds;

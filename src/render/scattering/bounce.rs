@@ -39,11 +39,11 @@ use crate::shading::{MaterialPacket, diffuse_weights};
 const FIRST_BOUNCE_WEIGHT: f32 = 0.125;
 
 /// Directions that are distributed by the cosine to the shading normals of sixteen surfaces.
-struct BounceDirections {
+pub(in crate::render) struct BounceDirections {
     /// Unit vectors in world space, on the other side where light is transmitted.
     direction: Lanes3<f64>,
     /// The same vectors, rounded to f32.
-    wi: Lanes3<f32>,
+    pub(in crate::render) wi: Lanes3<f32>,
     /// Cosines to the shading normals, positive.
     cosine: Lanes<f64>,
     /// True on the same side of the geometric surface, where an interpolated normal may lead to the other one.
@@ -248,7 +248,11 @@ impl ShadingState<'_, '_> {
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
-fn cosine_directions(points: &SurfacePacket, u: &[Lanes<f64>; 2], sides: &Lanes<f64>) -> BounceDirections {
+pub(in crate::render) fn cosine_directions(
+    points: &SurfacePacket,
+    u: &[Lanes<f64>; 2],
+    sides: &Lanes<f64>,
+) -> BounceDirections {
     let mut bounces = BounceDirections {
         direction: [[0.0; LANES]; 3],
         wi: [[0.0; LANES]; 3],

@@ -11,6 +11,7 @@ mod march_state;
 mod microfacet;
 mod volume;
 
+pub(super) use bounce::cosine_directions;
 pub(super) use boundary_packet::BoundaryRays;
 pub(super) use dielectric::Tints;
 pub(super) use lobe_rays::LobeRays;

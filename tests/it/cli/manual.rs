@@ -13,6 +13,7 @@ const COMMANDS: &[&str] = &[
     "merge",
     "info",
     "schema",
+    "radiosity",
     "bench",
     "verify",
     "compare",

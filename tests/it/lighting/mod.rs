@@ -12,6 +12,7 @@ mod layered_materials;
 mod mip_filtering;
 mod motion_render;
 mod optics_render;
+mod radiosity;
 mod rough_render;
 mod subsurface_render;
 mod textbook_paths;

@@ -114,6 +114,7 @@
 //!   *lecture*.
 //! - **Plan**: effects that are simulated, with the reason for each; see [`render::Plan`].
 //! - **Profile**: rays, seconds and bytes by effect. The JSON key is *ledger*.
+//! - **Radiosity**: light that leaves a diffuse surface; also the method that solves for it on all surfaces at once.
 //! - **Spawn**: starting a secondary ray off a surface, by a bound on the rounding error.
 //! - **Thin surface**: surface without an interior, such as a soap film or a leaf.
 //! - **Throughput**: factor by which radiance at the end of a path contributes to its pixel.

@@ -24,14 +24,16 @@ mod shear_lanes;
 use glam::Vec3;
 
 use super::simd::{Scalar, SimdLevel, add, div, lanes, max, min, mul, sub};
-pub(crate) use indexed::{HitLanes, ProjectedVertices, may_contain_origin};
+#[cfg(feature = "embree")]
+pub(crate) use indexed::ProjectedVertices;
+pub(crate) use indexed::{HitLanes, may_contain_origin};
 use near_origin::may_be_behind;
 pub use shear::Shear;
 pub(crate) use shear::dominant_axis;
+pub(crate) use shear_lanes::OwnAxes;
 pub use shear_lanes::ShearLanes;
 #[cfg(feature = "embree")]
-pub(crate) use shear_lanes::dominant_axes;
-pub(crate) use shear_lanes::{LaneAxes, OwnAxes};
+pub(crate) use shear_lanes::{LaneAxes, dominant_axes};
 
 /// Number of triangles in a [`TrianglePack`].
 pub const PACK: usize = 8;

@@ -40,6 +40,7 @@ fn edges<const N: usize>([a, b, c]: [&ProjectedVertices<N>; 3]) -> [[f32; N]; 3]
 
 impl Shear {
     /// Projects `N` points, given by axis.
+    #[cfg(any(test, feature = "embree"))]
     #[inline(always)]
     pub(crate) fn flatten<const N: usize>(&self, points: &[[f32; N]; 3]) -> ProjectedVertices<N> {
         let [kx, ky, kz] = self.axes;

@@ -59,7 +59,7 @@ pub(super) fn run(args: &BatchArgs) -> Result<(), Failure> {
 
 /// Returns the progress display that the arguments request.
 fn progress(args: &BatchArgs) -> Progress {
-    Progress::of_kind(args.watching.progress, Verbosity::of_flag(args.quiet))
+    Progress::of_kind(args.watching.format.progress, Verbosity::of_flag(args.quiet))
 }
 
 /// Renders a batch with its progress on standard error, and with a live preview if there is a viewer.

@@ -28,7 +28,7 @@ pub(super) fn run(args: &RadiosityArgs) -> Result<(), Failure> {
     }
     check_out(&args.out)?;
     let tracing = TracingOptions::of_threads(args.threads);
-    let progress = Progress::of_kind(args.progress, Verbosity::of_flag(args.quiet));
+    let progress = Progress::of_kind(args.format.progress, Verbosity::of_flag(args.quiet));
     let report = parallel::install(&tracing.pool()?, || {
         bake(args, backend, tracing.threads, &progress)
     });
@@ -91,7 +91,7 @@ fn bake(
         cancel: &interrupt::CANCELLED,
         ..Monitor::default()
     };
-    let solution = radiosity::solve((&elements, scene), &*accel, &settings, &monitor)?;
+    let solution = radiosity::solve(&elements, scene, &*accel, &settings, &monitor)?;
     if !solution.report.has_converged {
         progress.warn(&format!(
             "{name}: {MAX_SWEEPS} sweeps do not reach the tolerance, because surfaces absorb too little light: give a \

@@ -42,7 +42,7 @@ const LONG_RENDER: f64 = 10.0;
 
 /// Renders all scenes of the arguments.
 pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
-    let progress = Progress::of_kind(args.watching.progress, Verbosity::of_flag(args.quiet));
+    let progress = Progress::of_kind(args.watching.format.progress, Verbosity::of_flag(args.quiet));
     let job = RenderJob::new(args)?;
     let pool = job.request.tracing.pool()?;
     let viewer = preview::connect(args.watching.tev.as_deref())?;

@@ -34,7 +34,7 @@ use glam::DMat3;
 
 pub use error::GltfError;
 pub use node::animation::AnimationTime;
-pub use write::{UnlitScene, write_unlit};
+pub use write::{UnlitScene, write_glb, write_unlit};
 
 use crate::mesh::Mesh;
 use crate::numeric::Bounds;

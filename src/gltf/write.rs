@@ -59,11 +59,14 @@ pub fn write_unlit(scene: &UnlitScene, out: &mut impl Write) -> io::Result<()> {
         document.push_camera(camera, scene, extent);
     }
     let json = document.json(scene.white).to_string();
-    write_container(&json, &document.binary, out)
+    write_glb(&json, &document.binary, out)
 }
 
-/// Writes the container of a document and its binary buffer, each padded to a multiple of four bytes.
-fn write_container(json: &str, binary: &[u8], out: &mut impl Write) -> io::Result<()> {
+/// Writes the binary glTF container of a JSON document and its binary buffer, each padded to a multiple of four bytes.
+///
+/// # Errors
+/// If `out` cannot be written to, or the file would exceed 4 gigabytes.
+pub fn write_glb(json: &str, binary: &[u8], out: &mut impl Write) -> io::Result<()> {
     // Compute the padded lengths
     let json_length = json.len().next_multiple_of(4);
     let binary_length = binary.len().next_multiple_of(4);
@@ -113,12 +116,12 @@ impl GlbDocument {
         };
         let limits = json!({ "min": bound(f32::min), "max": bound(f32::max) });
         let mut attributes = json!({
-            "POSITION": self.push_array(&positions, (FLOAT, "VEC3"), ARRAY_BUFFER, limits),
+            "POSITION": self.push_array(&positions, FLOAT, "VEC3", ARRAY_BUFFER, limits),
         });
         // Add normals and colours
         if let Some(normals) = &mesh.normals {
             attributes["NORMAL"] = self
-                .push_array(normals, (FLOAT, "VEC3"), ARRAY_BUFFER, json!({}))
+                .push_array(normals, FLOAT, "VEC3", ARRAY_BUFFER, json!({}))
                 .into();
         }
         if let Some(colors) = &mesh.colors {
@@ -126,12 +129,12 @@ impl GlbDocument {
             let colors: Vec<[u16; 4]> = colors.iter().map(|color| color.map(unit)).collect();
             let normalized = json!({ "normalized": true });
             attributes["COLOR_0"] = self
-                .push_array(&colors, (UNSIGNED_SHORT, "VEC4"), ARRAY_BUFFER, normalized)
+                .push_array(&colors, UNSIGNED_SHORT, "VEC4", ARRAY_BUFFER, normalized)
                 .into();
         }
         // Add the triangles, and a node with the mesh
         let indices = mesh.triangles.as_flattened();
-        let indices = self.push_array(indices, (UNSIGNED_INT, "SCALAR"), ELEMENT_ARRAY_BUFFER, json!({}));
+        let indices = self.push_array(indices, UNSIGNED_INT, "SCALAR", ELEMENT_ARRAY_BUFFER, json!({}));
         self.nodes
             .push(json!({ "name": name, "mesh": self.meshes.len() }));
         self.meshes.push(json!({
@@ -145,7 +148,8 @@ impl GlbDocument {
     fn push_array<T: bytemuck::Pod>(
         &mut self,
         values: &[T],
-        (component, kind): (u32, &str),
+        component: u32,
+        kind: &str,
         target: u32,
         mut extra: Value,
     ) -> usize {

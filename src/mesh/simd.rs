@@ -309,9 +309,12 @@ mod x86 {
         }
     }
 
-    /// Compares sixteen lanes at a time; `N` must be a multiple of sixteen.
+    /// Compares sixteen lanes at a time, or eight if `N` is only a multiple of eight.
     #[inline(always)]
     fn compare_sixteen<const OP: i32, const N: usize>(isa: V4, a: &[f32; N], b: &[f32; N]) -> u32 {
+        if !N.is_multiple_of(16) {
+            return compare::<OP, N>(*isa, a, b);
+        }
         let (a, _) = a.as_chunks::<16>();
         let (b, _) = b.as_chunks::<16>();
         let mut mask = 0;
@@ -333,26 +336,17 @@ mod x86 {
 
         #[inline(always)]
         fn le<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32 {
-            match N % 16 {
-                0 => compare_sixteen::<_CMP_LE_OQ, N>(self, a, b),
-                _ => compare::<_CMP_LE_OQ, N>(*self, a, b),
-            }
+            compare_sixteen::<_CMP_LE_OQ, N>(self, a, b)
         }
 
         #[inline(always)]
         fn lt<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32 {
-            match N % 16 {
-                0 => compare_sixteen::<_CMP_LT_OQ, N>(self, a, b),
-                _ => compare::<_CMP_LT_OQ, N>(*self, a, b),
-            }
+            compare_sixteen::<_CMP_LT_OQ, N>(self, a, b)
         }
 
         #[inline(always)]
         fn eq<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32 {
-            match N % 16 {
-                0 => compare_sixteen::<_CMP_EQ_OQ, N>(self, a, b),
-                _ => compare::<_CMP_EQ_OQ, N>(*self, a, b),
-            }
+            compare_sixteen::<_CMP_EQ_OQ, N>(self, a, b)
         }
 
         #[inline(always)]

@@ -11,7 +11,7 @@ use super::lighting::{LobeVariants, ShadingContext};
 use super::profile::RenderProfile;
 use super::surface::{ConeSource, Surfaces};
 use super::tile::{TILE, Tile};
-use super::wavefront::{BatchInfo, PathState, PathStates, ShadingState, TracedPacket};
+use super::wavefront::{BatchInfo, PathStates, ShadingState, TracedPacket};
 use crate::accel::{Coherence, Hit, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
 use crate::scene::Effect;
@@ -80,14 +80,7 @@ impl<'f, 's> IrradianceMeter<'f, 's> {
     /// Adds the irradiance of all lights at the points of `packet`, whose interactions are computed, to the sums `labels`.
     /// Points of equal label need different `samples`.
     pub(super) fn sample_lights(&mut self, packet: &RayPacket, labels: &Lanes<u32>, samples: &Lanes<u32>) {
-        // Number the samples of each lane
-        for (l, &sample) in samples.iter().enumerate() {
-            let state = PathState {
-                sample,
-                ..PathState::NONE
-            };
-            self.path_states.set(0, l, &state);
-        }
+        self.path_states.set_samples(0, samples);
         let traced = TracedPacket {
             packet,
             pixel: labels,
@@ -127,7 +120,8 @@ impl<'f, 's> IrradianceMeter<'f, 's> {
 pub(super) fn set_point(
     packet: &mut RayPacket,
     l: usize,
-    (position, normal): (DVec3, DVec3),
+    position: DVec3,
+    normal: DVec3,
     distance: f64,
     hit: Hit,
 ) {

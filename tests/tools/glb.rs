@@ -1,10 +1,12 @@
-//! Binary glTF: the container around a document, and files of meshes with a point light and a camera for the tools that
+//! Binary glTF: files of meshes with a point light and a camera for the tools that
 //! write benchmark meshes.
 
 use std::fmt::Write as _;
 use std::fs;
-use std::io::Write as _;
+use std::io::{self, Write as _};
 use std::path::Path;
+
+use whit::gltf::write_glb;
 
 /// A position or a direction.
 pub(crate) type Vector = [f64; 3];
@@ -99,7 +101,8 @@ const INDEX_DATA: u32 = 34963;
 impl GlbScene {
     /// Writes the scene beside the target and renames it, so that the target is never an incomplete file.
     pub(crate) fn write(&self, target: &Path) -> Result<(), String> {
-        write_atomically(target, &self.to_bytes()).map_err(|e| {
+        let written = self.to_bytes().and_then(|bytes| write_atomically(target, &bytes));
+        written.map_err(|e| {
             format!(
                 "{}: cannot be written ({e}): choose another place",
                 target.display()
@@ -108,7 +111,7 @@ impl GlbScene {
     }
 
     /// Returns the whole `.glb`.
-    fn to_bytes(&self) -> Vec<u8> {
+    fn to_bytes(&self) -> io::Result<Vec<u8>> {
         let mut binary = Vec::new();
         let mut views = Vec::new();
         for Part { mesh, .. } in &self.parts {
@@ -127,7 +130,9 @@ impl GlbScene {
                 }
             }
         }
-        container(self.document(&views), &binary)
+        let mut glb = Vec::new();
+        write_glb(&self.document(&views), &binary, &mut glb)?;
+        Ok(glb)
     }
 
     /// Returns the JSON document.
@@ -223,30 +228,6 @@ impl Lists {
     }
 }
 
-/// Returns the binary glTF container of a document and its binary buffer, each padded to a multiple of four bytes.
-pub(crate) fn container(mut json: String, binary: &[u8]) -> Vec<u8> {
-    json.push_str(&" ".repeat(json.len().next_multiple_of(4) - json.len()));
-    let binary_length = binary.len().next_multiple_of(4);
-    let total = 12 + 8 + json.len() + 8 + binary_length;
-    let mut glb = Vec::with_capacity(total);
-    glb.extend_from_slice(b"glTF");
-    push_word(&mut glb, 2);
-    push_word(&mut glb, total);
-    push_word(&mut glb, json.len());
-    glb.extend_from_slice(b"JSON");
-    glb.extend_from_slice(json.as_bytes());
-    push_word(&mut glb, binary_length);
-    glb.extend_from_slice(b"BIN\0");
-    glb.extend_from_slice(binary);
-    glb.resize(total, 0);
-    glb
-}
-
-/// Adds a number as a 32-bit word.
-fn push_word(glb: &mut Vec<u8>, number: usize) {
-    glb.extend_from_slice(&(number as u32).to_le_bytes());
-}
-
 /// Returns the column-major matrix of a camera at `eye` that looks at `target`, as JSON.
 fn look_at(eye: Vector, target: Vector) -> String {
     let back = normalized([0, 1, 2].map(|i| eye[i] - target[i]));
@@ -261,8 +242,8 @@ fn look_at(eye: Vector, target: Vector) -> String {
 }
 
 /// Writes a temporary file beside the target and renames it.
-fn write_atomically(target: &Path, bytes: &[u8]) -> std::io::Result<()> {
-    let name = target.file_name().ok_or(std::io::ErrorKind::InvalidInput)?;
+fn write_atomically(target: &Path, bytes: &[u8]) -> io::Result<()> {
+    let name = target.file_name().ok_or(io::ErrorKind::InvalidInput)?;
     let mut temporary = name.to_owned();
     temporary.push(format!(".{}.part", std::process::id()));
     let temporary = target.with_file_name(temporary);

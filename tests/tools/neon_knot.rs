@@ -6,11 +6,12 @@
 
 use std::f64::consts::TAU;
 use std::fs;
+use std::io;
 use std::path::PathBuf;
 
 use glam::DVec3;
 
-use crate::glb;
+use whit::gltf::write_glb;
 
 /// Rings of vertices along the tube.
 const RINGS: u16 = 128;
@@ -37,7 +38,8 @@ pub(crate) struct Arguments {
 /// Writes the file.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), String> {
     let path = &arguments.output;
-    fs::write(path, to_bytes()).map_err(|error| {
+    let written = to_bytes().and_then(|bytes| fs::write(path, bytes));
+    written.map_err(|error| {
         format!(
             "{}: cannot be written ({error}): choose another place",
             path.display()
@@ -85,7 +87,7 @@ fn triangles() -> Vec<[u16; 3]> {
 }
 
 /// Returns the whole `.glb`.
-fn to_bytes() -> Vec<u8> {
+fn to_bytes() -> io::Result<Vec<u8>> {
     let vertices = vertices();
     let triangles = triangles();
     let mut binary = Vec::new();
@@ -96,7 +98,10 @@ fn to_bytes() -> Vec<u8> {
         }
     }
     binary.extend(triangles.as_flattened().iter().flat_map(|i| i.to_le_bytes()));
-    glb::container(document(&vertices, triangles.len(), binary.len()), &binary)
+    let mut glb = Vec::new();
+    let document = document(&vertices, triangles.len(), binary.len());
+    write_glb(&document, &binary, &mut glb)?;
+    Ok(glb)
 }
 
 /// Returns the JSON document.

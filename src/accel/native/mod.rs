@@ -107,12 +107,10 @@ impl<'s> NativeAccel<'s> {
     /// Traces rays of any origins and directions through the tree.
     fn trace_triangles(&self, packets: &mut [RayPacket], query: Query) {
         let tree = &self.triangles;
-        match query {
-            _ if self.kernel == Kernel::Packet && packet::is_small(tree) => {
-                packet::trace(tree, packets, query)
-            }
-            Query::Nearest => single::intersect(tree, packets),
-            Query::Any => single::occluded(tree, packets),
+        if self.kernel == Kernel::Packet && packet::is_small(tree) {
+            packet::trace(tree, packets, query);
+        } else {
+            single::trace(tree, packets, query);
         }
     }
 

@@ -66,7 +66,7 @@ impl SimdKernel for SmallTreePackets<'_> {
                 }
                 continue;
             }
-            trace_together(isa, self.tree, packet, (active, self.query), &mut stack);
+            trace_together(isa, self.tree, packet, active, self.query, &mut stack);
         }
     }
 }
@@ -77,7 +77,8 @@ fn trace_together(
     isa: impl SimdLevel,
     tree: &GroupTree,
     packet: &mut RayPacket,
-    (active, query): (u32, Query),
+    active: u32,
+    query: Query,
     stack: &mut [WaitingChild; STACK],
 ) {
     let mut rays = PacketRays::new(isa, packet, active);
@@ -231,31 +232,15 @@ impl PacketRays {
             if maybe == 0 {
                 continue;
             }
-            // Intersect it, ray by ray through an edge
+            // Intersect it
             let interval = [&self.t_near, &self.t];
-            let (mut hits, on_edge) =
-                self.shears
-                    .intersect_projected(isa, ([&a, &b, &c], corners), maybe, interval);
-            if on_edge != 0 {
-                self.resolve_on_edge(&mut hits, on_edge, corners);
-            }
+            let hits = self
+                .shears
+                .intersect_projected(isa, [&a, &b, &c], corners, maybe, interval);
             // Keep the nearest hits, or retire the rays that are blocked
             match query {
                 Query::Nearest => self.keep_nearest(&hits, number),
                 Query::Any => self.active &= !hits.mask,
-            }
-        }
-    }
-
-    /// Decides the rays of the mask `on_edge` one by one, with the f64 fallback of the scalar test.
-    #[cold]
-    #[inline(never)]
-    fn resolve_on_edge(&self, hits: &mut HitLanes<LANES>, on_edge: u32, corners: [[f32; 3]; 3]) {
-        for lane in lanes(on_edge) {
-            let lane = lane % LANES;
-            let shear = self.shears.lane(lane);
-            if let Some(hit) = shear.intersect(corners, self.t_near[lane], self.t[lane]) {
-                hits.set(lane, &hit);
             }
         }
     }
@@ -327,7 +312,7 @@ mod tests {
             for packet in &mut packets {
                 let bits = (0..LANES).map(|lane| u32::from(packet.is_active(lane)) << lane);
                 let active = bits.sum();
-                trace_together(isa, tree, packet, (active, query), &mut stack);
+                trace_together(isa, tree, packet, active, query, &mut stack);
             }
             packets
         }
@@ -340,8 +325,8 @@ mod tests {
         let rays = random_packets(2000, 7);
         // Trace rays one by one
         let (mut single, mut single_blocked) = (rays.clone(), rays.clone());
-        single::intersect(&tree, &mut single);
-        single::occluded(&tree, &mut single_blocked);
+        single::trace(&tree, &mut single, Query::Nearest);
+        single::trace(&tree, &mut single_blocked, Query::Any);
         // Trace them in packets, with all instruction sets and with that of this machine
         let mut chosen = [rays.clone(), rays.clone()];
         trace(&tree, &mut chosen[0], Query::Nearest);

@@ -10,22 +10,9 @@ use crate::numeric::Ray;
 
 use super::layout::{ChildLink, GroupTree, STACK, WIDTH};
 
-/// Finds the nearest hit of every active lane, one ray at a time.
-pub(super) fn intersect(tree: &GroupTree, packets: &mut [RayPacket]) {
-    dispatch(SingleRays {
-        tree,
-        packets,
-        query: Query::Nearest,
-    });
-}
-
-/// Marks every active lane as blocked whose ray hits anything, one ray at a time.
-pub(super) fn occluded(tree: &GroupTree, packets: &mut [RayPacket]) {
-    dispatch(SingleRays {
-        tree,
-        packets,
-        query: Query::Any,
-    });
+/// Finds the hits of every active lane for a query, one ray at a time.
+pub(super) fn trace(tree: &GroupTree, packets: &mut [RayPacket], query: Query) {
+    dispatch(SingleRays { tree, packets, query });
 }
 
 /// Packets whose rays are traced one after the other.
@@ -276,8 +263,8 @@ mod tests {
         let mut actual_blocked = expected.clone();
         brute.intersect(&mut expected, Coherence::Coherent);
         brute.occluded(&mut blocked, Coherence::Coherent);
-        intersect(&tree, &mut actual);
-        occluded(&tree, &mut actual_blocked);
+        trace(&tree, &mut actual, Query::Nearest);
+        trace(&tree, &mut actual_blocked, Query::Any);
         // Compare the hits, then which rays are blocked
         let mut hit_count = 0;
         for (a, b) in expected.iter().zip(&actual) {

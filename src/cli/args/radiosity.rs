@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args as ArgGroup;
 
+use super::progress::ProgressFormatArgs;
 use super::{GltfArgs, MAX_THREADS};
-use crate::cli::progress::ProgressKind;
 use whit::accel::Backend;
 use whit::render::radiosity::{MAX_ELEMENTS, RadiositySettings};
 
@@ -59,15 +59,8 @@ pub(in crate::cli) struct RadiosityArgs {
     #[command(flatten)]
     pub(in crate::cli) gltf: GltfArgs,
 
-    /// Format of the progress on standard error: a bar on a terminal, JSON lines for programs, or none
-    #[arg(
-        long,
-        value_enum,
-        value_name = "auto|json|none",
-        default_value = "auto",
-        hide_possible_values = true
-    )]
-    pub(in crate::cli) progress: ProgressKind,
+    #[command(flatten)]
+    pub(in crate::cli) format: ProgressFormatArgs,
 
     /// Print errors only, no warnings and no report
     #[arg(long, short)]

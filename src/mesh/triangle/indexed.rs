@@ -6,7 +6,7 @@
 use super::near_origin::may_be_behind;
 use super::shear_lanes::LaneAxes;
 use super::{Shear, ShearLanes, TriangleHit, project};
-use crate::mesh::simd::{SimdLevel, add, div, max, min, mul, sub};
+use crate::mesh::simd::{SimdLevel, add, div, lanes, max, min, mul, sub};
 
 /// Projected vertices in SIMD lanes: x and y in the sheared frame, where the ray is the origin.
 pub(crate) type ProjectedVertices<const N: usize> = [[f32; N]; 2];
@@ -73,20 +73,18 @@ impl<const N: usize, A: LaneAxes<N>> ShearLanes<N, A> {
         [x, y]
     }
 
-    /// Intersects a triangle with the rays of the mask `active`, all of which [may hold](may_hold_origin) it, each with
-    /// the result of [`Shear::intersect`]. `projected` are its vertices as projected by [`ShearLanes::flatten`] from
+    /// Intersects a triangle with the rays of the mask `active`, all of which [may contain](may_contain_origin) it,
+    /// each with the result of [`Shear::intersect`]. `projected` are its vertices as projected by [`ShearLanes::flatten`] from
     /// `corners`; the interval is given by the smallest and largest parameters.
-    ///
-    /// The second result is a mask of the rays that only [`Shear::intersect`] can decide: those through an edge or a
-    /// vertex, and those whose hit may be behind their start.
     #[inline(always)]
     pub(crate) fn intersect_projected(
         &self,
         isa: impl SimdLevel,
-        (projected, corners): ([&ProjectedVertices<N>; 3], [[f32; 3]; 3]),
+        projected: [&ProjectedVertices<N>; 3],
+        corners: [[f32; 3]; 3],
         active: u32,
         [t_near, t_far]: [&[f32; N]; 2],
-    ) -> (HitLanes<N>, u32) {
+    ) -> HitLanes<N> {
         // Compute the edge functions and their signs
         let [u, v, w] = edges(projected);
         let zero = [0.0; N];
@@ -115,25 +113,48 @@ impl<const N: usize, A: LaneAxes<N>> ShearLanes<N, A> {
         // Compare the parameters with the interval
         let within = isa.le(t_near, &t) & isa.le(&t, t_far) & isa.lt(&t, &[f32::INFINITY; N]);
         let mask = active & inside & within;
-        // Leave hits that may be behind the start to the caller
+        // Decide rays through an edge or a vertex, and hits that may be behind the start, one by one
         let uncertain = match mask {
             0 => 0,
             _ => mask & may_be_behind(isa, rows, scale, &det, [t_near, &t]),
         };
-        let hit_lanes = HitLanes {
+        let mut hit_lanes = HitLanes {
             mask: mask & !uncertain,
             t,
             weights: [v, w],
             det,
         };
-        (hit_lanes, on_edge | uncertain)
+        let undecided = on_edge | uncertain;
+        if undecided != 0 {
+            self.decide(&mut hit_lanes, undecided, corners, [t_near, t_far]);
+        }
+        hit_lanes
+    }
+
+    /// Intersects the rays of the mask `undecided` one by one, with the f64 fallback of the scalar test.
+    #[cold]
+    #[inline(never)]
+    fn decide(
+        &self,
+        hit_lanes: &mut HitLanes<N>,
+        undecided: u32,
+        corners: [[f32; 3]; 3],
+        [t_near, t_far]: [&[f32; N]; 2],
+    ) {
+        for lane in lanes(undecided) {
+            let lane = lane % N;
+            let hit = self.lane(lane).intersect(corners, t_near[lane], t_far[lane]);
+            if let Some(hit) = hit {
+                hit_lanes.set(lane, &hit);
+            }
+        }
     }
 }
 
 impl<const N: usize> HitLanes<N> {
     /// Stores the result of [`Shear::intersect`] for a lane.
     #[inline(always)]
-    pub(crate) fn set(&mut self, lane: usize, hit: &TriangleHit) {
+    fn set(&mut self, lane: usize, hit: &TriangleHit) {
         self.mask |= 1 << lane;
         self.t[lane] = hit.t;
         (self.weights[0][lane], self.weights[1][lane]) = (hit.u, hit.v);
@@ -147,7 +168,7 @@ mod tests {
 
     use super::super::dominant_axis;
     use super::*;
-    use crate::mesh::simd::{Scalar, SimdKernel, dispatch, lanes};
+    use crate::mesh::simd::{Scalar, SimdKernel, dispatch};
     use crate::numeric::Ray;
 
     /// Returns a small integer from -2 to 2 (Weyl sequence of the golden ratio), so that many rays hit edges and
@@ -207,19 +228,10 @@ mod tests {
         // Project the vertices once
         let projected = corners.map(|corner| shears.flatten(corner));
         let [a, b, c] = &projected;
-        // Test the triangle, and let the reference decide the uncertain lanes
+        // Test the triangle
         let active = may_contain_origin(isa, [a, b, c]);
-        let interval = [rays.map(|r| r.t_near), rays.map(|r| r.t_far)];
-        let (mut hit_lanes, on_edge) =
-            shears.intersect_projected(isa, ([a, b, c], corners), active, [&interval[0], &interval[1]]);
-        for lane in lanes(on_edge) {
-            let hit = shears
-                .lane(lane)
-                .intersect(corners, interval[0][lane], interval[1][lane]);
-            if let Some(hit) = hit {
-                hit_lanes.set(lane, &hit);
-            }
-        }
+        let interval = [&rays.map(|r| r.t_near), &rays.map(|r| r.t_far)];
+        let hit_lanes = shears.intersect_projected(isa, [a, b, c], corners, active, interval);
         // Divide the weights by the determinant
         std::array::from_fn(|lane| {
             (hit_lanes.mask >> lane & 1 != 0).then(|| TriangleHit {

@@ -137,8 +137,7 @@ impl<'f, 's> SideGatherer<'f, 's> {
         // Trace the rays of each side, and queue its shadow rays
         for number in 0..count {
             let side = chunk * SIDES + number;
-            let element = self.elements.elements()[side / 2];
-            let mut source = self.spawn(number, (side, &element));
+            let mut source = self.spawn(side);
             for rays in self.rays.chunks_mut(BATCH) {
                 self.frame.accel.intersect(rays, Coherence::Incoherent);
             }
@@ -165,7 +164,8 @@ impl<'f, 's> SideGatherer<'f, 's> {
 
     /// Sets up the rays of a side and samples the lights at the origins of the first packet of each half. Returns emission
     /// and albedo, as means over the points and directions.
-    fn spawn(&mut self, number: usize, (side, element): (usize, &SurfaceElement)) -> SideSource {
+    fn spawn(&mut self, side: usize) -> SideSource {
+        let element = &self.elements.elements()[side / 2];
         let effects = self.frame.effects();
         let packet_count = self.rays.len();
         let (mut emission, mut albedo) = ([0.0; 3], [0.0; 3]);
@@ -181,7 +181,7 @@ impl<'f, 's> SideGatherer<'f, 's> {
             // Sample the lights
             let packets_a_half = packet_count / 2;
             if index % packets_a_half == 0 {
-                let label = number + index / packets_a_half * SIDES;
+                let label = side % SIDES + index / packets_a_half * SIDES;
                 meter.sample_lights(&points, &[label as u32; LANES], &samples);
             }
             // Spawn a ray from each point, and weight it
@@ -230,7 +230,7 @@ impl<'f, 's> SideGatherer<'f, 's> {
                 primitive: element.primitive,
             };
             let position = a + to_b * (b - a) + to_c * (c - a);
-            set_point(&mut packet, l, (position, normal), self.elements.spacing, hit);
+            set_point(&mut packet, l, position, normal, self.elements.spacing, hit);
         }
         packet
     }

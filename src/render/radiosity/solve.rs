@@ -18,7 +18,8 @@ const ROUGH_TOLERANCE: f64 = 0.05;
 /// Solves for the diffuse light on all elements, in the current rayon pool. `scene` is that of `elements`, and `accel` must
 /// have been built from it.
 pub fn solve(
-    (elements, scene): (&ElementScene, ValidScene),
+    elements: &ElementScene,
+    scene: ValidScene,
     accel: &dyn Accel,
     settings: &RadiositySettings,
     monitor: &Monitor,

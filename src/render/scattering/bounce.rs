@@ -114,7 +114,7 @@ impl ShadingState<'_, '_> {
         // Weight the directions by the diffuse part of each material
         let albedo = diffuse_weights(materials, &points.ns, &points.wo, &bounces.wi);
         let BounceWeights { weight, largest } =
-            bounce_weights(points, &bounces, traced.weight, (&albedo, &sides.shares));
+            bounce_weights(points, &bounces, traced.weight, &albedo, &sides.shares);
         // Draw random numbers if the weight of any ray leaves its path to chance
         let may_end = (0..LANES).any(|l| {
             let kept_weight = self.kept_weight_behind(path_states.bounces(l) + 1, Category::Interreflection);
@@ -142,7 +142,7 @@ impl ShadingState<'_, '_> {
                     depth: arrival.depth + 1,
                     bounces: arrival.bounces + 1,
                     direction: DVec3::from([0, 1, 2].map(|axis| bounces.direction[axis][l])),
-                    cone: self.bounced_cone((traced, path_states), surfaces, &bounces, l),
+                    cone: self.bounced_cone(traced, path_states, surfaces, &bounces, l),
                     density: 0.0,
                     ..arrival
                 }),
@@ -155,7 +155,8 @@ impl ShadingState<'_, '_> {
     /// pixel stands for; any cone if paths carry none.
     fn bounced_cone(
         &self,
-        (traced, path_states): (&TracedPacket, PathStatePacket),
+        traced: &TracedPacket,
+        path_states: PathStatePacket,
         surfaces: &Surfaces,
         bounces: &BounceDirections,
         l: usize,
@@ -288,7 +289,8 @@ fn bounce_weights(
     points: &SurfacePacket,
     bounces: &BounceDirections,
     arriving: &Lanes3<f32>,
-    (albedo, shares): (&Lanes3<f32>, &Lanes<f32>),
+    albedo: &Lanes3<f32>,
+    shares: &Lanes<f32>,
 ) -> BounceWeights {
     let mut bounced = BounceWeights {
         weight: [[0.0; LANES]; 3],

@@ -106,8 +106,8 @@ impl<'f, 's> Receiver<'f, 's> {
                 instance: self.irradiance_points.instance,
                 primitive: point.triangle,
             };
-            let place = (point.position, point.normal);
-            set_point(&mut packet, l, place, self.irradiance_points.spacing, hit);
+            let spacing = self.irradiance_points.spacing;
+            set_point(&mut packet, l, point.position, point.normal, spacing, hit);
         }
         (packet, pixel)
     }

@@ -180,7 +180,8 @@ impl MeshView<'_> {
         packet: &RayPacket,
         l: usize,
     ) -> [f32; N] {
-        let [a, b, c] = self.triangles[packet.primitive[l] as usize].map(|vertex| values[vertex as usize]);
+        let [a, b, c] = self.triangles[packet.primitive[l] as usize];
+        let (a, b, c) = (values[a as usize], values[b as usize], values[c as usize]);
         let (u, v) = (packet.u[l], packet.v[l]);
         let w = 1.0 - u - v;
         std::array::from_fn(|i| w * a[i] + u * b[i] + v * c[i])

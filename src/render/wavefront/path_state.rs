@@ -198,6 +198,11 @@ impl PathStates {
         self.time.set_lanes(packet, paths.times);
     }
 
+    /// Sets the pixel samples of packet `packet`.
+    pub(in crate::render) fn set_samples(&mut self, packet: usize, samples: &Lanes<u32>) {
+        self.sample.set_lanes(packet, samples);
+    }
+
     /// Adds the bytes of each array to the effect that needs it.
     pub(in crate::render) fn add_to(&self, memory: &mut Memory, effects: EffectSet) {
         // Attribute depths to the effect by which light passes surfaces, or by which paths continue at random

@@ -55,7 +55,7 @@ fn solution(elements: &ElementScene, settings: RadiositySettings) -> RadiositySo
         ..AccelOptions::default()
     };
     let accel = accel::build(scene, Backend::Bsp, &options).unwrap();
-    radiosity::solve((elements, scene), &*accel, &settings, &Monitor::default()).unwrap()
+    radiosity::solve(elements, scene, &*accel, &settings, &Monitor::default()).unwrap()
 }
 
 /// Elements of a scene with their solution.

@@ -137,18 +137,9 @@ impl<const W: usize> ClusterKernel<'_, W> {
             let maybe = masks[member] & active;
             let [a, b, c] = cluster.triangle(member);
             let corners = [cluster.corner(a), cluster.corner(b), cluster.corner(c)];
-            let triangle = ([flat(a), flat(b), flat(c)], corners);
-            let (mut new_hits, on_edge) =
-                shears.intersect_projected(isa, triangle, maybe, [&t_near, &found.t]);
-            // Resolve rays on an edge in f64, one by one
-            if on_edge != 0 {
-                resolve_on_edge(
-                    &mut new_hits,
-                    on_edge,
-                    (shears, cluster, member),
-                    [&t_near, &found.t],
-                );
-            }
+            let projected = [flat(a), flat(b), flat(c)];
+            let interval = [&t_near, &found.t];
+            let new_hits = shears.intersect_projected(isa, projected, corners, maybe, interval);
             match self.query_kind {
                 Query::Nearest => found.merge(isa, &new_hits, cluster, member),
                 Query::Any => {
@@ -164,24 +155,6 @@ impl<const W: usize> ClusterKernel<'_, W> {
         found.write(self.query_kind);
         for lane in 0..W {
             hit[lane] |= if found.changed >> lane & 1 != 0 { ACTIVE } else { 0 };
-        }
-    }
-}
-
-/// Retests the rays that lie on an edge one by one, with the f64 fallback of the scalar test.
-#[cold]
-#[inline(never)]
-fn resolve_on_edge<const W: usize, A: LaneAxes<W>>(
-    new_hits: &mut HitLanes<W>,
-    on_edge: u32,
-    (shears, cluster, member): (&ShearLanes<W, A>, TriangleCluster, usize),
-    [t_near, t_far]: [&[f32; W]; 2],
-) {
-    let corners = cluster.triangle(member).map(|corner| cluster.corner(corner));
-    for lane in lanes(on_edge) {
-        let hit = shears.lane(lane).intersect(corners, t_near[lane], t_far[lane]);
-        if let Some(hit) = hit {
-            new_hits.set(lane, &hit);
         }
     }
 }

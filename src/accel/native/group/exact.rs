@@ -102,7 +102,7 @@ mod tests {
     use crate::accel::native::single;
     use crate::accel::native::testing::RandomNumbers;
     use crate::accel::native::triangle_run::TriangleRun;
-    use crate::accel::{LANES, RayPacket};
+    use crate::accel::{LANES, Query, RayPacket};
     use crate::mesh::bumpy_sphere;
     use crate::numeric::Ray;
     use glam::Vec3;
@@ -123,7 +123,7 @@ mod tests {
         // Trace them in groups, and one at a time
         let mut actual = expected.clone();
         intersect(&tree, &[TriangleRun::new(0, 0, &mesh)], &mut actual, origin);
-        single::intersect(&tree, &mut expected);
+        single::trace(&tree, &mut expected, Query::Nearest);
         // Compare the bits, unless a ray through an edge hits the neighbour
         let (mut hit_count, mut tie_count) = (0, 0);
         for (a, b) in expected.iter().zip(&actual) {

@@ -3,7 +3,7 @@
 use crate::accel::native::build::build_tree;
 use crate::accel::native::single;
 use crate::accel::native::testing::{RandomNumbers, baked, brute_force};
-use crate::accel::{Accel, Coherence, LANES, RayPacket};
+use crate::accel::{Accel, Coherence, LANES, Query, RayPacket};
 use crate::mesh::simd::{Scalar, SimdKernel};
 use crate::mesh::{Mesh, bumpy_sphere};
 use crate::numeric::{Ray, spawn_point, triangle_spawn_error};
@@ -335,7 +335,7 @@ impl SurfaceRayCounts {
         let mut actual = from_surface(mesh, end);
         let mut expected = actual.clone();
         occluded(&tree, &mut actual, end);
-        single::occluded(&tree, &mut expected);
+        single::trace(&tree, &mut expected, Query::Any);
         for (a, b) in expected.iter().zip(&actual) {
             for lane in 0..LANES {
                 self.all += usize::from(a.is_active(lane));

@@ -4,6 +4,69 @@
 //! search is a step or two long on average (H. Chen, Y. Asau, "On Generating Random Variates from an Empirical
 //! Distribution", AIIE Transactions 6(2), 1974), where bisection takes the logarithm of the number of steps.
 
+use multiversion::multiversion;
+
+use super::{LANES, Lanes};
+
+/// Greatest number of steps that [`invert_packet`] compares one by one, in lanes, instead of searching lane by lane.
+const FEW: usize = 8;
+
+/// Steps that sixteen numbers choose.
+pub(crate) struct ChosenSteps {
+    /// Indices of the steps.
+    pub(crate) index: Lanes<u32>,
+    /// Positions within the steps, in [0, 1].
+    pub(crate) within: Lanes<f64>,
+}
+
+/// Inverts cumulative sums for sixteen numbers, with the results of [`invert`].
+pub(crate) fn invert_packet(sums: &[f64], guide: &[u32], u: &Lanes<f64>) -> ChosenSteps {
+    let mut steps = ChosenSteps {
+        index: [0; LANES],
+        within: [0.0; LANES],
+    };
+    if sums.len() <= FEW {
+        invert_few(sums, u, &mut steps);
+        return steps;
+    }
+    for l in 0..LANES {
+        let (index, within) = invert(sums, guide, u[l]);
+        steps.index[l] = index as u32;
+        steps.within[l] = within;
+    }
+    steps
+}
+
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+fn invert_few(sums: &[f64], u: &Lanes<f64>, steps: &mut ChosenSteps) {
+    // Find the last step that is not zero, which rounding may choose instead of those behind it
+    let mut last = sums.len() - 1;
+    while last > 0 && sums[last] == sums[last - 1] {
+        last -= 1;
+    }
+    let total = sums[last];
+    let (mut before, mut sum) = ([0.0; LANES], [sums[0]; LANES]);
+    for step in 0..last {
+        // Go on from steps that end at or before the target
+        for l in 0..LANES {
+            let is_beyond = sums[step] <= u[l] * total;
+            steps.index[l] = if is_beyond {
+                step as u32 + 1
+            } else {
+                steps.index[l]
+            };
+            before[l] = if is_beyond { sums[step] } else { before[l] };
+            sum[l] = if is_beyond { sums[step + 1] } else { sum[l] };
+        }
+    }
+    for l in 0..LANES {
+        steps.within[l] = ((u[l] * total - before[l]) / (sum[l] - before[l])).clamp(0.0, 1.0);
+    }
+}
+
 /// Inverts cumulative sums: returns the index of the step that contains the fraction `u` of the last sum, and the
 /// position within that step, in [0, 1].
 ///
@@ -60,7 +123,7 @@ mod tests {
     #[test]
     fn guided_search_finds_the_step_of_a_search_from_the_first_one() {
         let mut random = SplitMix64::new(3, 1);
-        for count in [1, 2, 3, 10, 1000] {
+        for count in [1, 2, 3, 7, 10, 1000] {
             for is_uneven in [false, true] {
                 // Steps of zero, also at both ends, and steps that differ by ten orders of magnitude
                 let mut sum = 0.0;
@@ -85,6 +148,11 @@ mod tests {
                 let fractions: Vec<f64> = starts.chain(buckets).chain(random).collect();
                 for u in fractions.into_iter().chain([0.0, 1.0 - 0.5 * f64::EPSILON, 1.0]) {
                     let (chosen, within) = invert(&sums, &table, u);
+                    let steps = invert_packet(&sums, &table, &[u; LANES]);
+                    assert_eq!(
+                        (steps.index, steps.within),
+                        ([chosen as u32; LANES], [within; LANES])
+                    );
                     assert_eq!(chosen, searched(&sums, u), "{count} steps, {u}");
                     assert!((0.0..=1.0).contains(&within));
                     let before = if chosen == 0 { 0.0 } else { sums[chosen - 1] };

@@ -9,7 +9,9 @@ use super::aov::{AovKind, AovSet, LightAovs, LightGroups, MatteIds, PixelCostBuf
 use super::camera::{MovingCamera, ScreenMotion};
 use super::caustics::PhotonMap;
 use super::film::{PixelFilter, SampleFilm};
-use super::lighting::{AreaLightSampler, CombinedSampling, Environment, area_lights};
+use super::lighting::{
+    AreaLightSampler, CombinedSampling, Environment, LightDivision, LightTree, area_lights,
+};
 use super::plan::Plan;
 use super::profile::ThreadMemory;
 use super::sampler::{PacketShape, SampleGroup, SampleLayout};
@@ -82,6 +84,10 @@ pub(super) struct RenderContext<'s> {
     /// Area lights, indexed like the lights of the scene (`None` for others); empty if no area light is simulated.
     pub(super) area_lights: Vec<Option<AreaLightSampler<'s>>>,
     pub(super) environment: Option<Environment>,
+    /// Numbers of all lights of the scene.
+    pub(super) light_numbers: Vec<u32>,
+    /// Tree of many lights, of which surfaces behind a diffuse bounce sample one; `None` where they sample all.
+    pub(super) light_tree: Option<LightTree>,
     /// Lights that reach rough lobes both by light samples and by lobe rays.
     pub(super) combined: CombinedSampling,
     /// Largest number of diffuse surfaces that scatter the light of a path, in scenes with interreflection.
@@ -115,6 +121,7 @@ impl<'s> RenderContext<'s> {
             false => Vec::new(),
         };
         let combined = CombinedSampling::of(scene, &plan, &lights_with_extent);
+        let division = LightDivision::of(scene, effects);
         // Build the context without what depends on it
         let mut frame = RenderContext {
             scene,
@@ -159,6 +166,8 @@ impl<'s> RenderContext<'s> {
                 .then(|| ScreenMotion::new(camera, [settings.width, settings.height])),
             shutter: camera.shutter,
             combined,
+            light_numbers: (0..scene.lights.len() as u32).collect(),
+            light_tree: division.map(|division| LightTree::build(scene, division, &lights_with_extent)),
             area_lights: lights_with_extent,
             environment: Environment::of(scene, effects),
             max_bounces: scene.interreflection.unwrap_or_default().bounces,

@@ -34,6 +34,15 @@ class Mesh:
     material: dict
 
 
+@dataclass
+class Polygons:
+    """Flat polygons of one material of a scene file."""
+
+    vertices: list
+    faces: list
+    material: dict
+
+
 def read(path):
     """Returns a `.glb`, or a `.gltf` with `.bin` files beside it."""
     data = path.read_bytes()
@@ -69,6 +78,62 @@ def matte(gltf):
         material["extensions"] = {"KHR_materials_specular": {"specularFactor": 0.0}}
     text["extensionsUsed"] = ["KHR_materials_specular"]
     return Gltf(gltf.folder, text, gltf.buffers)
+
+
+def of_polygons(objects):
+    """Returns matte polygons, emissive ones included, as glTF, one mesh each."""
+    text = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": list(range(len(objects)))}]}
+    text["extensionsUsed"] = ["KHR_materials_specular", "KHR_materials_emissive_strength"]
+    for key in ["nodes", "meshes", "materials", "accessors", "bufferViews"]:
+        text[key] = []
+    binary = bytearray()
+
+    def add_accessor(array, kind):
+        described = {"bufferView": len(text["bufferViews"]), "count": len(array), "type": kind}
+        described["componentType"] = 5126 if array.dtype == np.float32 else 5125
+        described |= {"min": array.min(0).reshape(-1).tolist(), "max": array.max(0).reshape(-1).tolist()}
+        text["bufferViews"].append({"buffer": 0, "byteOffset": len(binary), "byteLength": array.nbytes})
+        binary.extend(array.tobytes())
+        text["accessors"].append(described)
+        return len(text["accessors"]) - 1
+
+    for number, made in enumerate(objects):
+        # Give each polygon its own vertices, with its normal, and cut it into a fan
+        corners = [np.array([made.vertices[at] for at in face], np.float32) for face in made.faces]
+        normals = [np.cross(polygon[1] - polygon[0], polygon[2] - polygon[0]) for polygon in corners]
+        starts = np.cumsum([0] + [len(polygon) for polygon in corners])
+        fans = [start + at for start, face in zip(starts, made.faces) for k in range(2, len(face)) for at in (0, k - 1, k)]
+        positions = np.vstack(corners)
+        normals = np.vstack([[n / np.linalg.norm(n)] * len(polygon) for n, polygon in zip(normals, corners)])
+        attributes = {
+            "POSITION": add_accessor(positions, "VEC3"),
+            "NORMAL": add_accessor(normals.astype(np.float32), "VEC3"),
+        }
+        indices = add_accessor(np.array(fans, np.uint32), "SCALAR")
+        text["meshes"].append({"primitives": [{"attributes": attributes, "indices": indices, "material": number}]})
+        text["nodes"].append({"mesh": number})
+        text["materials"].append(polygon_material(made.material))
+    text["buffers"] = [{"byteLength": len(binary)}]
+    return Gltf(None, text, [bytes(binary)])
+
+
+def polygon_material(described):
+    """Returns a matte material of a scene file as glTF's."""
+    color, emission = described["base_color"], described.get("emission", 0)
+    factors = {"baseColorFactor": [*(color if color else [0, 0, 0]), 1.0], "metallicFactor": 0.0, "roughnessFactor": 1.0}
+    material = {"pbrMetallicRoughness": factors, "extensions": {"KHR_materials_specular": {"specularFactor": 0.0}}}
+    material["doubleSided"] = True
+    if emission:
+        strength = max(emission)
+        material["emissiveFactor"] = [channel / strength for channel in emission]
+        material["extensions"]["KHR_materials_emissive_strength"] = {"emissiveStrength": strength}
+    return material
+
+
+def emission(material):
+    """Returns the radiance that a material emits."""
+    extension = material.get("extensions", {}).get("KHR_materials_emissive_strength", {})
+    return [channel * extension.get("emissiveStrength", 1) for channel in material.get("emissiveFactor", [0, 0, 0])]
 
 
 def texture_slots(material):

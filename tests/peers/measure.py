@@ -37,7 +37,7 @@ def references(scene, renderers, quick):
     share = 1 if scene.targets and not quick else QUICK_SHARE
     for renderer in renderers:
         if hasattr(renderer, "reference_spp"):
-            spp = renderer.reference_spp // share
+            spp = renderer.reference_spp * scene.reference_factor // share
             found[renderer.name] = (*renderer.reference(scene, spp), spp)
             print(f"  reference of {renderer.name}: {spp} samples, noise {found[renderer.name][1]:.5f}", flush=True)
     return found

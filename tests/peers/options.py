@@ -5,7 +5,7 @@ from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PEERS = ["mitsuba", "cycles", "povray", "f3d"]
-SCENES = ["mesh", "damaged_helmet", "analytic", "flight_helmet"]
+SCENES = ["mesh", "damaged_helmet", "analytic", "flight_helmet", "cornell_box"]
 
 
 def parse(arguments):
@@ -39,7 +39,7 @@ def parse(arguments):
         type=int,
         default=1024,
         metavar="PIXELS",
-        help="width and height; the analytic scene has half of it [default: %(default)s]",
+        help="width and height; the analytic scene has half of it, the Cornell box a quarter [default: %(default)s]",
     )
     chosen = parser.parse_args(arguments)
     chosen.environments = chosen.environments or chosen.out / "environments"

@@ -1,10 +1,11 @@
 """The scenes: what every renderer is given.
 
-All are lit by one light without extent, directly only, before a background of one colour, through a box filter of one
-pixel. Coordinates are glTF's: y is up, lengths are metres.
+All but the Cornell box are lit by one light without extent, directly only, before a background of one colour. The filter
+is a box of one pixel. Coordinates are glTF's: y is up, lengths are metres.
 """
 
 import subprocess
+import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -50,7 +51,8 @@ class Scene:
 
     name: str
     camera: Camera
-    light: Light
+    # None if emissive surfaces light the scene, also by way of other surfaces.
+    light: Light | None
     size: int
     about: str
     peers: list  # Those that can express the scene
@@ -62,6 +64,13 @@ class Scene:
     depth: int = 0
     # Displayed errors at which times are measured.
     targets: list = field(default_factory=list)
+    # References have this many times the samples of a renderer's usual ones.
+    reference_factor: int = 1
+
+    @property
+    def interreflects(self):
+        """Returns whether light that surfaces reflect diffusely lights others."""
+        return self.light is None
 
 
 class Missing(Exception):
@@ -70,7 +79,13 @@ class Missing(Exception):
 
 def prepare(name, chosen, folder):
     """Returns a scene, with its model written into the folder."""
-    make = {"mesh": mesh, "damaged_helmet": damaged_helmet, "flight_helmet": flight_helmet, "analytic": analytic}[name]
+    make = {
+        "mesh": mesh,
+        "damaged_helmet": damaged_helmet,
+        "flight_helmet": flight_helmet,
+        "analytic": analytic,
+        "cornell_box": cornell_box,
+    }[name]
     return make(chosen, folder)
 
 
@@ -150,4 +165,30 @@ def analytic(chosen, _folder):
         background=[0.25, 0.45, 0.75],
         depth=5,
         targets=[0.01, 0.004],
+    )
+
+
+def cornell_box(chosen, folder):
+    """Returns the Cornell box of `scenes/`, whose surfaces light each other."""
+    with open(options.REPOSITORY / "scenes/cornell_box.toml", "rb") as file:
+        described = tomllib.load(file)
+    polygons = [
+        gltf.Polygons(shape["vertices"], shape["faces"], described["material"][surface["material"]])
+        for surface in described["object"]
+        for shape in [surface["shape"]["mesh"]]
+    ]
+    model = folder / "cornell_box.glb"
+    gltf.write_glb(gltf.of_polygons(polygons), model)
+    camera = described["camera"]
+    return Scene(
+        "cornell_box",
+        Camera(camera["from"], camera["at"], camera["fov"]),
+        None,
+        # Noise, and not edges, is what takes the time.
+        chosen.size // 4,
+        "32 triangles, matte, one emissive square, interreflection",
+        ["mitsuba", "cycles"],
+        model,
+        targets=[0.02, 0.01],
+        reference_factor=8,
     )

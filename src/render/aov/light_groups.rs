@@ -23,6 +23,8 @@ pub(in crate::render) enum LightSource {
     Emission,
     /// Light of the scene with that index.
     Light(u32),
+    /// One of many lights, another for each ray.
+    Chosen,
     /// Environment map, sampled by shadow rays.
     Environment,
     /// Object with subsurface scattering.
@@ -117,7 +119,7 @@ impl LightGroups {
             LightSource::Light(number) => Some(1 + number as usize),
             LightSource::Environment => self.environment,
             LightSource::Subsurface => self.subsurface,
-            LightSource::Volume => None,
+            LightSource::Chosen | LightSource::Volume => None,
         };
         plane.filter(|&plane| plane < self.light_planes)
     }
@@ -205,11 +207,29 @@ impl LightGroupFilm {
 
     /// Adds one value per lane to the layers of light from `source`.
     pub(in crate::render) fn add(&mut self, label: &Lanes<u32>, radiance: &Lanes3<f32>, source: LightSource) {
-        if let Some(plane) = self.sheet.plane_of(source) {
+        if let Some(plane) = self.plane_of(source) {
             self.add_to_plane(plane, label, radiance);
         }
         for l in 0..LANES {
             if let Some(plane) = self.sheet.effect_plane(label[l], source) {
+                add_lane(&mut self.planes[plane], label[l], radiance, l);
+            }
+        }
+    }
+
+    fn plane_of(&self, source: LightSource) -> Option<usize> {
+        self.sheet.plane_of(source)
+    }
+
+    /// Adds one value per lane to the layer of a light for each lane.
+    pub(in crate::render) fn add_to_lights(
+        &mut self,
+        label: &Lanes<u32>,
+        radiance: &Lanes3<f32>,
+        lights: &Lanes<u32>,
+    ) {
+        for l in 0..LANES {
+            if let Some(plane) = self.plane_of(LightSource::Light(lights[l])) {
                 add_lane(&mut self.planes[plane], label[l], radiance, l);
             }
         }

@@ -2,15 +2,16 @@
 
 use super::super::profile::Category;
 use super::super::tile::TILE;
-use super::super::wavefront::WAVE;
+use super::super::wavefront::MAX_WAVE;
 use crate::numeric::LANES;
 
 /// Number of label bits for the pixel within the tile; the bits above hold the sample within the wave.
 pub(in crate::render) const PIXEL_BITS: u32 = (TILE * TILE).ilog2();
-const _: () = assert!(TILE * TILE == 1 << PIXEL_BITS && ((WAVE * LANES) << PIXEL_BITS) <= 1 << STEP_SHIFT);
+const _: () =
+    assert!(TILE * TILE == 1 << PIXEL_BITS && ((MAX_WAVE * LANES) << PIXEL_BITS) <= 1 << STEP_SHIFT);
 
 /// Number of label bits below those of the first step: pixel and sample.
-pub(in crate::render) const STEP_SHIFT: u32 = 20;
+pub(in crate::render) const STEP_SHIFT: u32 = 22;
 
 /// First steps of paths from the camera, in the order of their numbers in labels, from 1.
 pub(in crate::render) const STEPS: [Category; 8] = [

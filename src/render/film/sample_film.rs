@@ -74,6 +74,9 @@ impl SampleFilm {
             labels[l] |= (self.places.len() as u32) << PIXEL_BITS;
             self.places.push(place);
         }
+        // Grow with the longest wave
+        let count = self.places.len().max(self.radiance.len());
+        self.radiance.resize(count, [0.0; 3]);
     }
 
     /// Adds radiance to the samples of `labels`.

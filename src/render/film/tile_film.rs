@@ -112,6 +112,22 @@ impl TileFilm {
         }
     }
 
+    /// Adds one value per lane from `source`, or from a light for each lane, whose layers get them.
+    #[inline(always)]
+    pub(in crate::render) fn add_from(
+        &mut self,
+        (label, radiance): (&Lanes<u32>, &Lanes3<f32>),
+        source: LightSource,
+        lights: Option<&Lanes<u32>>,
+    ) {
+        self.add(label, radiance, source);
+        if let Some(lights) = lights.filter(|_| source == LightSource::Chosen)
+            && let Some(light) = self.light()
+        {
+            light.add_to_lights(label, radiance, lights);
+        }
+    }
+
     #[inline(always)]
     fn add_to_pixels(&mut self, pixel: &Lanes<u32>, radiance: &Lanes3<f32>) {
         // Sum up the lanes first if all belong to one pixel

@@ -165,11 +165,7 @@ impl ShadingState<'_, '_> {
         casts: bool,
         stage: BatchInfo,
     ) {
-        if self.shadow_queue.is_full() {
-            self.meter.part(Category::Lighting);
-            self.trace_shadow_rays::<false>(stage.order);
-            self.meter.resume(traced.pixel, &traced.packet.active);
-        }
+        self.make_room(traced, stage);
         let reaches_lobes = |ratios: &Lanes<f32>| ratios.iter().any(|&ratio| ratio > 0.0);
         let is_split =
             self.frame.combined.splits_shadows && arrivals.lobe_ratios.as_ref().is_some_and(reaches_lobes);
@@ -190,6 +186,16 @@ impl ShadingState<'_, '_> {
             }
             self.shadow_queue.set_end(None);
             self.commit_shadow_rays::<false>(traced, casts);
+        }
+    }
+
+    /// Traces the queued shadow rays if there is no room for another packet.
+    #[inline(always)]
+    pub(super) fn make_room(&mut self, traced: &TracedPacket, stage: BatchInfo) {
+        if self.shadow_queue.is_full() {
+            self.meter.part(Category::Lighting);
+            self.trace_shadow_rays::<false>(stage.order);
+            self.meter.resume(traced.pixel, &traced.packet.active);
         }
     }
 

@@ -26,17 +26,16 @@ pub(super) fn sample_emissive_mesh(
     (mesh, instance): (&Mesh, &Instance),
     (p, u): (&Lanes3<f32>, &[Lanes<f64>; 2]),
 ) -> LightSamplePacket {
-    // Choose a triangle for each point
+    // Choose a triangle for each point by inverting the cumulative area, and fetch its corners
+    let steps = light.choose_packet(&u[0]);
     let mut chosen = ChosenTriangles {
         corners: [[[0.0; LANES]; 3]; 3],
         in_object: [[[0.0; LANES]; 3]; 3],
-        u: [[0.0; LANES], u[1]],
+        u: [steps.within, u[1]],
     };
     for l in 0..LANES {
-        // Invert the cumulative area, then fetch the corners
-        let (triangle, within) = light.choose(u[0][l]);
-        chosen.u[0][l] = within;
-        let (corners, in_object) = (light.corners(triangle), mesh.corners(triangle as u32));
+        let triangle = steps.index[l];
+        let (corners, in_object) = (light.corners(triangle as usize), mesh.corners(triangle));
         for corner in 0..3 {
             for axis in 0..3 {
                 chosen.corners[corner][axis][l] = corners[corner][axis];

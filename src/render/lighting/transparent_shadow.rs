@@ -25,19 +25,21 @@ impl ShadingState<'_, '_> {
         let Some(shadow_surfaces) = &mut self.shadow_surfaces else {
             return;
         };
-        let sources = self.shadow_queue.sources();
+        let (sources, chosen) = (self.shadow_queue.sources(), self.shadow_queue.chosen());
         let mut queued = self.shadow_queue.drain_all();
         let reaches = attenuate_shadow_rays(self.frame, &mut queued, shadow_surfaces, &mut self.meter, order);
         let QueuedShadowRays {
             packets, payloads, ..
         } = queued;
         // Attenuate by volumes and add to the film
-        for (((packet, payload), reach), source) in packets.iter().zip(payloads).zip(&reaches).zip(sources) {
+        for (index, ((packet, payload), reach)) in packets.iter().zip(payloads).zip(&reaches).enumerate() {
             if let Some(marches) = &mut self.marches {
                 let samples = marches.attenuate(packet, reach, &mut payload.radiance);
                 self.meter.ledger.volume_samples += samples;
             }
-            self.film.add(&payload.pixel, &payload.radiance, source);
+            let lights = chosen.as_ref().map(|chosen| &chosen[index]);
+            self.film
+                .add_from((&payload.pixel, &payload.radiance), sources[index], lights);
         }
         self.meter.lap(Category::Film);
     }

@@ -2,6 +2,7 @@
 
 use super::Plan;
 use crate::accel::RayForecast;
+use crate::render::lighting::LightDivision;
 use crate::render::settings::RenderSettings;
 use crate::scene::{Effect, LightKind, ValidScene};
 
@@ -63,15 +64,20 @@ pub fn forecast_rays(scene: ValidScene, settings: &RenderSettings) -> RayForecas
         bounces += f64::from(rays.max().unwrap_or(0));
     }
     bounces *= BOUNCE_SHARE * samples;
-    // Count the rays of a path of diffuse bounces
+    // Count the rays of a path of diffuse bounces, which may sample one of many lights
+    let mut incoherent = bounces * (1.0 + to_end + to_area + to_environment);
     if effects.has(Effect::Interreflection) {
-        bounces += DIFFUSE_BOUNCES * samples;
+        let to_lights = match LightDivision::of(scene, effects) {
+            Some(division) => division.others.len() as f64 + 1.0,
+            None => to_end + to_area,
+        };
+        incoherent += DIFFUSE_BOUNCES * samples * (1.0 + to_lights + to_environment);
     }
     let from_point = if is_pinhole { samples } else { 0.0 };
     RayForecast {
         from_point,
         to_end: samples * to_end,
         coherent: samples - from_point + samples * to_area,
-        incoherent: bounces * (1.0 + to_end + to_area + to_environment) + samples * to_environment,
+        incoherent: incoherent + samples * to_environment,
     }
 }

@@ -150,6 +150,8 @@ impl RenderContext<'_> {
         );
         let photons = self.photons.as_ref().map_or(0, |map| map.byte_count());
         memory.add(Effect::Caustics.name(), "photon map", photons);
+        let light_tree = self.light_tree.as_ref().map_or(0, |tree| tree.byte_count());
+        memory.add(Effect::Interreflection.name(), "light tree", light_tree);
         let holder = holder(Effect::Volume, effects);
         for volume in &scene.volumes {
             memory.add(holder, "grids", volume.memory());

@@ -32,6 +32,8 @@ impl Purpose {
     pub(crate) const BOUNCE: Purpose = Purpose(5);
     /// Decision whether a path goes on behind a diffuse surface: the first number of the pair.
     pub(crate) const ROULETTE: Purpose = Purpose(6);
+    /// Choice of one of many lights: the first number of the pair.
+    pub(crate) const LIGHT_CHOICE: Purpose = Purpose(7);
     /// Direction of a photon.
     pub(crate) const PHOTON: Purpose = Purpose(8);
 

@@ -17,7 +17,6 @@
 
 use std::f64::consts::TAU;
 
-use glam::DVec3;
 use multiversion::multiversion;
 
 use super::super::lighting::{PixelSample, SampleIndex};
@@ -25,11 +24,11 @@ use super::super::profile::{Category, TruncationLimit};
 use super::super::sampler::Purpose;
 use super::super::surface::{SurfacePacket, Surfaces, lane};
 use super::super::wavefront::{
-    BatchInfo, PathState, PathStatePacket, RayWorkItem, ShadingState, TracedPacket,
+    BatchInfo, BouncedStates, PathState, PathStatePacket, RayLanes, RayWorkItem, ShadingState, TracedPacket,
 };
 use super::microfacet::spread;
 use crate::numeric::lane_math::sin_cos;
-use crate::numeric::{LANES, Lanes, Lanes3, Ray};
+use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::scene::Effect;
 use crate::shading::ray_cone::RayCone;
 use crate::shading::{MaterialPacket, diffuse_weights};
@@ -113,79 +112,84 @@ impl ShadingState<'_, '_> {
         let bounces = cosine_directions(points, &u, &sides.signs);
         // Weight the directions by the diffuse part of each material
         let albedo = diffuse_weights(materials, &points.ns, &points.wo, &bounces.wi);
-        let BounceWeights { weight, largest } =
-            bounce_weights(points, &bounces, traced.weight, &albedo, &sides.shares);
+        let mut weights = bounce_weights(points, &bounces, traced.weight, &albedo, &sides.shares);
         // Draw random numbers if the weight of any ray leaves its path to chance
-        let may_end = (0..LANES).any(|l| {
-            let kept_weight = self.kept_weight_behind(path_states.bounces(l) + 1, Category::Interreflection);
-            largest[l] > 0.0 && path_states.split(l) as f32 * largest[l] < kept_weight
-        });
+        let before = path_states.bounce_counts();
+        let kept = [FIRST_BOUNCE_WEIGHT, self.kept_weight];
+        let probability = survival_probabilities(&weights.largest, &path_states.splits(), &before, kept);
+        let may_end = (0..LANES).any(|l| (probability[l] < 1.0) & (weights.largest[l] > 0.0));
         let roulette = match may_end {
             true => self.number_packet(traced, self.roulette_draw(Category::Interreflection))[0],
             false => [0.0; LANES],
         };
-        // Queue the rays
-        for l in (0..LANES).filter(|&l| largest[l] > 0.0) {
-            // Start on the side that the ray leaves to
-            let arrival = path_states.lane(l);
-            let origin = match sides.signs[l] < 0.0 {
-                true => points.leave(l, -points.geometric_normal(l)),
-                false => lane(&points.origin, l),
-            };
-            // Extend the path state by the bounce
-            let mut sent = RayWorkItem {
-                ray: Ray::new(origin, lane(&bounces.wi, l)),
-                pixel: traced.pixel[l],
-                weight: [0, 1, 2].map(|channel| weight[channel][l]),
-                sender: Category::Interreflection,
-                travel: Some(PathState {
-                    depth: arrival.depth + 1,
-                    bounces: arrival.bounces + 1,
-                    direction: DVec3::from([0, 1, 2].map(|axis| bounces.direction[axis][l])),
-                    cone: self.bounced_cone(traced, path_states, surfaces, &bounces, l),
-                    density: 0.0,
-                    ..arrival
-                }),
-            };
-            self.continue_path(&mut sent, |_, _| roulette[l]);
+        // Continue each path with its probability
+        let survives = survive(&mut weights.weight, &probability, &roulette);
+        let depths = path_states.depths();
+        let (mut continued, mut count) = ([0; LANES], 0);
+        for l in (0..LANES).filter(|&l| weights.largest[l] > 0.0) {
+            let is_within =
+                before[l] < self.frame.max_bounces && depths[l] - before[l] <= self.frame.settings.depth;
+            if !is_within {
+                self.lose_path(traced.pixel[l], weights.largest[l]);
+            } else if survives[l] {
+                continued[count] = l as u8;
+                count += 1;
+            }
+        }
+        // Start behind surfaces that transmit the rays
+        let mut origin = points.origin;
+        for l in (0..LANES).filter(|&l| sides.signs[l] < 0.0) {
+            let behind = points.leave(l, -points.geometric_normal(l));
+            (0..3).for_each(|axis| origin[axis][l] = behind[axis]);
+        }
+        // Queue the rays with their path states
+        let continued = &continued[..count];
+        let states = BouncedStates {
+            arrival: path_states,
+            direction: &bounces.direction,
+            cone: &self.bounced_cones(traced, path_states, surfaces, &bounces, continued),
+        };
+        let rays = RayLanes {
+            origin: &origin,
+            direction: &bounces.wi,
+            pixel: traced.pixel,
+            weight: &weights.weight,
+        };
+        if let Some(next) = &mut self.next_bounced {
+            next.push_bounces(&rays, &states, continued);
         }
     }
 
-    /// Returns the ray cone of lane `l` behind its diffuse surface, wider by the share of the hemisphere that one ray of the
-    /// pixel stands for; any cone if paths carry none.
-    fn bounced_cone(
+    /// Returns the ray cones of `lanes` behind their diffuse surfaces, wider by the share of the hemisphere that one ray of
+    /// the pixel stands for; any cones if paths carry none.
+    fn bounced_cones(
         &self,
         traced: &TracedPacket,
         path_states: PathStatePacket,
         surfaces: &Surfaces,
         bounces: &BounceDirections,
-        l: usize,
-    ) -> RayCone {
+        lanes: &[u8],
+    ) -> Lanes<RayCone> {
+        let mut cones = [PathState::NONE.cone; LANES];
         if !self.frame.tracks_cones() {
-            return PathState::NONE.cone;
+            return cones;
         }
-        let of_pixel = f64::from(path_states.split(l)) * f64::from(self.frame.even_count);
-        let density = bounces.cosine[l] * (2.0 / TAU) * of_pixel;
-        self.frame
-            .cone_at(traced, path_states, l)
-            .reflected(surfaces.curvatures[l])
-            .spread_by(spread(density))
+        for l in lanes.iter().map(|&l| usize::from(l)) {
+            let of_pixel = f64::from(path_states.split(l)) * f64::from(self.frame.even_count);
+            let density = bounces.cosine[l] * (2.0 / TAU) * of_pixel;
+            cones[l] = self
+                .frame
+                .cone_at(traced, path_states, l)
+                .reflected(surfaces.curvatures[l])
+                .spread_by(spread(density));
+        }
+        cones
     }
 
     /// Queues a ray whose path has left a diffuse surface, with a probability that falls with its weight, if it is within the
     /// limits of bounces and of depth. Its weight is divided by the probability.
     pub(in crate::render) fn send_behind_bounce(&mut self, sent: &mut RayWorkItem) {
-        self.continue_path(sent, |state, sent| state.roulette(sent));
-    }
-
-    /// Queues a ray like [`ShadingState::send_behind_bounce`]; `roulette` returns a random number in [0, 1).
-    #[inline(always)]
-    fn continue_path(
-        &mut self,
-        sent: &mut RayWorkItem,
-        roulette: impl FnOnce(&ShadingState, &RayWorkItem) -> f64,
-    ) {
-        let (frame, Some(travel)) = (self.frame, &sent.travel) else {
+        let Some(travel) = &sent.travel else {
             return;
         };
         // Drop rays that cannot contribute
@@ -194,34 +198,33 @@ impl ShadingState<'_, '_> {
             return;
         }
         // Terminate the path at its limits
+        let frame = self.frame;
         let steps = travel.depth - travel.bounces;
         if travel.bounces > frame.max_bounces || steps > frame.settings.depth {
-            self.meter.ledger.lose(TruncationLimit::Depth, largest);
-            self.losses.add(sent.pixel, TruncationLimit::Depth, largest);
+            self.lose_path(sent.pixel, largest);
             return;
         }
-        // Continue it with a probability in proportion to its weight; rays of one lobe carry small weights each
-        let together = travel.split as f32 * largest;
-        let probability = together / self.kept_weight_behind(travel.bounces, sent.sender);
-        if probability < 1.0 {
-            if roulette(self, sent) >= f64::from(probability) {
-                return;
-            }
-            sent.weight = sent.weight.map(|channel| channel / probability);
+        // Continue it with its probability
+        let kept = match sent.sender == Category::Interreflection && travel.bounces == 1 {
+            true => FIRST_BOUNCE_WEIGHT,
+            false => self.kept_weight,
+        };
+        let probability = survival_probability(largest, travel.split, kept);
+        if probability < 1.0 && self.roulette(sent) >= f64::from(probability) {
+            return;
         }
-        // Queue it apart from paths that may branch
+        sent.weight = sent.weight.map(|channel| channel / probability);
+        // Queue the ray apart from paths that may branch
         if let Some(next) = &mut self.next_bounced {
             next.push(sent);
         }
     }
 
-    /// Returns the weight from which on a ray with that number of bounces is always sent.
-    fn kept_weight_behind(&self, bounces: u32, sender: Category) -> f32 {
-        if bounces == 1 && sender == Category::Interreflection {
-            FIRST_BOUNCE_WEIGHT
-        } else {
-            self.kept_weight
-        }
+    /// Books the weight of a path that ends at its limits.
+    #[cold]
+    fn lose_path(&mut self, pixel: u32, largest: f32) {
+        self.meter.ledger.lose(TruncationLimit::Depth, largest);
+        self.losses.add(pixel, TruncationLimit::Depth, largest);
     }
 
     /// Returns the random number in [0, 1) that decides whether a path continues.
@@ -307,4 +310,48 @@ fn bounce_weights(
         }
     }
     bounced
+}
+
+/// Returns the probability with which a path continues: in proportion to its weight, up to the weight that is always kept.
+/// Rays of one lobe carry small weights each.
+#[inline(always)]
+fn survival_probability(largest: f32, split: u32, kept: f32) -> f32 {
+    let probability = split as f32 * largest / kept;
+    if probability < 1.0 { probability } else { 1.0 }
+}
+
+/// Returns the probabilities with which paths continue, which have left `before` diffuse surfaces until now. `kept` are the
+/// weights that are always kept behind the first surface and behind others.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+fn survival_probabilities(
+    largest: &Lanes<f32>,
+    splits: &Lanes<u32>,
+    before: &Lanes<u32>,
+    kept: [f32; 2],
+) -> Lanes<f32> {
+    let mut probability = [1.0; LANES];
+    for l in 0..LANES {
+        let kept = if before[l] == 0 { kept[0] } else { kept[1] };
+        probability[l] = survival_probability(largest[l], splits[l], kept);
+    }
+    probability
+}
+
+/// Returns which paths continue, by the random numbers `roulette`, and divides all weights by the probabilities.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+fn survive(weight: &mut Lanes3<f32>, probability: &Lanes<f32>, roulette: &Lanes<f64>) -> Lanes<bool> {
+    let mut survives = [false; LANES];
+    for l in 0..LANES {
+        survives[l] = (probability[l] >= 1.0) | (roulette[l] < f64::from(probability[l]));
+        for channel in 0..3 {
+            weight[channel][l] /= probability[l];
+        }
+    }
+    survives
 }

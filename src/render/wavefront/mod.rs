@@ -5,13 +5,17 @@ mod path_state;
 mod ray_queue;
 mod shading;
 mod shading_state;
+mod shadow_queue;
 mod tile_renderer;
 mod traced_packet;
 mod wave_size;
 
-pub(super) use path_state::{BEHIND_MIRROR, InteriorArray, PathState, PathStatePacket, PathStates};
-pub(super) use ray_queue::{PathPacket, QueuedShadowRays, RayQueue, RayWorkItem, ShadowQueue};
+pub(super) use path_state::{
+    BEHIND_MIRROR, BouncedStates, InteriorArray, PathState, PathStatePacket, PathStates,
+};
+pub(super) use ray_queue::{PathPacket, RayLanes, RayQueue, RayWorkItem};
 pub(super) use shading_state::ShadingState;
+pub(super) use shadow_queue::{QueuedShadowRays, ShadowQueue};
 pub(super) use tile_renderer::{RendererPool, TileRenderer};
 pub(super) use traced_packet::{BatchInfo, TracedPacket};
-pub(super) use wave_size::{WAVE, camera_packets};
+pub(super) use wave_size::{MAX_WAVE, WAVE, camera_packets};

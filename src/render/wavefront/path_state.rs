@@ -6,7 +6,7 @@
 use glam::DVec3;
 
 use super::super::profile::Memory;
-use crate::numeric::{LANES, Lanes};
+use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::optics::{InteriorStack, NestedInterior};
 use crate::scene::{Effect, EffectSet};
 use crate::shading::ray_cone::RayCone;
@@ -97,6 +97,15 @@ pub(in crate::render) struct CameraPaths<'a> {
     pub(in crate::render) times: &'a Lanes<f32>,
 }
 
+/// States of sixteen paths behind diffuse surfaces.
+pub(in crate::render) struct BouncedStates<'a> {
+    /// States of the rays that hit the surfaces.
+    pub(in crate::render) arrival: PathStatePacket<'a>,
+    /// Unit directions of the rays that leave.
+    pub(in crate::render) direction: &'a Lanes3<f64>,
+    pub(in crate::render) cone: &'a Lanes<RayCone>,
+}
+
 /// Path states of several packets, as far as the effects need them.
 pub(in crate::render) struct PathStates {
     depth: OptionalArray<u32>,
@@ -183,6 +192,32 @@ impl PathStates {
         self.split.set(packet, l, travel.split);
         self.time.set(packet, l, travel.time);
         self.density.set(packet, l, travel.density);
+    }
+
+    /// Sets free lanes to the states of `lanes` behind diffuse surfaces.
+    pub(in crate::render) fn set_bounced(
+        &mut self,
+        bounced: &BouncedStates,
+        free: &[FreeLane],
+        lanes: &[u8],
+    ) {
+        let (arrival, places) = (bounced.arrival, LaneDestinations { free, lanes });
+        let (before, from) = (arrival.path_states, arrival.packet);
+        // Count the bounce
+        self.depth.fill(places, |l| arrival.depth(l) + 1);
+        self.bounces.fill(places, |l| arrival.bounces(l) + 1);
+        // Turn the path
+        let [x, y, z] = bounced.direction;
+        self.direction.fill(places, |l| DVec3::new(x[l], y[l], z[l]));
+        self.cone.fill(places, |l| bounced.cone[l]);
+        self.density.fill(places, |_| 0.0);
+        // Keep the rest
+        self.bent.fill(places, |l| before.bent.get(from, l, false));
+        self.wavelength.fill(places, |l| arrival.wavelength(l));
+        self.media.fill(places, &before.media, from);
+        self.sample.fill(places, |l| arrival.sample(l));
+        self.split.fill(places, |l| arrival.split(l));
+        self.time.fill(places, |l| arrival.time(l));
     }
 
     /// Sets the states of packet `packet`, whose paths have not begun, to those of camera rays.
@@ -274,7 +309,7 @@ impl PathStatePacket<'_> {
             cone: self.cone(l),
             sample: self.sample(l),
             split: self.split(l),
-            time: path_states.time.get(packet, l, 0.0),
+            time: self.time(l),
             density: self.density(l),
         }
     }
@@ -289,6 +324,24 @@ impl PathStatePacket<'_> {
         self.path_states.bounces.get(self.packet, l, 0)
     }
 
+    /// Returns [`PathStatePacket::depth`] of all lanes.
+    #[inline(always)]
+    pub(in crate::render) fn depths(&self) -> Lanes<u32> {
+        self.path_states.depth.lanes(self.packet, 0)
+    }
+
+    /// Returns [`PathStatePacket::bounces`] of all lanes.
+    #[inline(always)]
+    pub(in crate::render) fn bounce_counts(&self) -> Lanes<u32> {
+        self.path_states.bounces.lanes(self.packet, 0)
+    }
+
+    /// Returns [`PathStatePacket::split`] of all lanes.
+    #[inline(always)]
+    pub(in crate::render) fn splits(&self) -> Lanes<u32> {
+        self.path_states.split.lanes(self.packet, PathState::NONE.split)
+    }
+
     /// Returns the unit direction of lane `l`, before it is rounded to the f32 direction of the ray.
     pub(in crate::render) fn direction(&self, l: usize) -> DVec3 {
         self.path_states.direction.get(self.packet, l, DVec3::ZERO)
@@ -297,6 +350,11 @@ impl PathStatePacket<'_> {
     /// Returns the wavelength that lane `l` follows, in nanometres; 0 for all wavelengths.
     pub(in crate::render) fn wavelength(&self, l: usize) -> f32 {
         self.path_states.wavelength.get(self.packet, l, 0.0)
+    }
+
+    /// Returns the time of lane `l`; 0 if nothing moves.
+    pub(in crate::render) fn time(&self, l: usize) -> f32 {
+        self.path_states.time.get(self.packet, l, 0.0)
     }
 
     /// Returns the ray cone of lane `l`.
@@ -326,6 +384,28 @@ impl PathStatePacket<'_> {
     pub(in crate::render) fn media(&self, l: usize) -> InteriorStack {
         self.path_states.media.get(self.packet, l)
     }
+}
+
+/// Lane of a packet for the next ray.
+#[derive(Clone, Copy)]
+pub(in crate::render) struct FreeLane {
+    pub(in crate::render) packet: usize,
+    pub(in crate::render) lane: usize,
+}
+
+impl FreeLane {
+    /// No lane of any packet.
+    pub(in crate::render) const NONE: FreeLane = FreeLane {
+        packet: 0,
+        lane: LANES,
+    };
+}
+
+/// Free lanes for those of `lanes` of another packet.
+#[derive(Clone, Copy)]
+struct LaneDestinations<'a> {
+    free: &'a [FreeLane],
+    lanes: &'a [u8],
 }
 
 /// Array with one value per lane, or nothing if no effect needs it.
@@ -363,6 +443,25 @@ impl<T: Copy> OptionalArray<T> {
     fn set_lanes(&mut self, packet: usize, values: &Lanes<T>) {
         if self.is_allocated {
             self.packets[packet] = *values;
+        }
+    }
+
+    /// Sets free lanes to the values of the lanes that they are for.
+    #[inline(always)]
+    fn fill(&mut self, places: LaneDestinations, value: impl Fn(usize) -> T) {
+        if self.is_allocated {
+            for (place, &l) in places.free.iter().zip(places.lanes) {
+                self.packets[place.packet][place.lane] = value(usize::from(l) % LANES);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn lanes(&self, packet: usize, otherwise: T) -> Lanes<T> {
+        if self.is_allocated {
+            self.packets[packet]
+        } else {
+            [otherwise; LANES]
         }
     }
 
@@ -416,6 +515,13 @@ impl InteriorArray {
         if self.nested.is_allocated {
             self.nested.set(packet, l, *media);
         }
+    }
+
+    /// Sets free lanes to the interiors of packet `from` of `others`, which have the same arrays.
+    fn fill(&mut self, places: LaneDestinations, others: &InteriorArray, from: usize) {
+        self.single.fill(places, |l| others.single.get(from, l, None));
+        self.nested
+            .fill(places, |l| others.nested.get(from, l, InteriorStack::EMPTY));
     }
 
     /// Returns the interiors around lane `l` of packet `packet`.

@@ -1,17 +1,20 @@
-//! Ray queues of the wavefront: secondary rays with their path state, and shadow rays with their pending radiance.
+//! Ray queues of the wavefront: secondary rays with their path state.
 //!
 //! Memory is reused from tile to tile; packets are refilled instead of allocated.
 
-use super::super::aov::LightSource;
+use glam::Vec3;
+
 use super::super::context::RenderContext;
 use super::super::film::with_step;
 use super::super::profile::{Accounts, Category, Memory, RayTypeCounts};
 use super::super::settings::RenderSettings;
-use super::path_state::{CameraPaths, InteriorArray, PathState, PathStatePacket, PathStates};
-use crate::accel::{MAX_BATCH, RayEnd, RayPacket};
+use super::path_state::{BouncedStates, CameraPaths, FreeLane, PathState, PathStatePacket, PathStates};
+use crate::accel::RayPacket;
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
-use crate::optics::InteriorStack;
-use crate::scene::{Effect, EffectSet};
+use crate::scene::EffectSet;
+
+/// Number of octants of directions.
+const OCTANTS: usize = 8;
 
 /// Pixels and throughput of the paths of one ray packet.
 #[derive(Clone)]
@@ -38,6 +41,16 @@ pub(in crate::render) struct RayWorkItem {
     pub(in crate::render) sender: Category,
     /// Path state, in scenes whose paths carry one.
     pub(in crate::render) travel: Option<PathState>,
+}
+
+/// Rays that leave sixteen surfaces.
+pub(in crate::render) struct RayLanes<'a> {
+    pub(in crate::render) origin: &'a Lanes3<f32>,
+    pub(in crate::render) direction: &'a Lanes3<f32>,
+    /// Labels on the film.
+    pub(in crate::render) pixel: &'a Lanes<u32>,
+    /// Path throughput, linear RGB.
+    pub(in crate::render) weight: &'a Lanes3<f32>,
 }
 
 impl RayTypeCounts {
@@ -74,8 +87,10 @@ pub(in crate::render) struct RayQueue {
     path_states: PathStates,
     /// Number of packets in use.
     count: usize,
-    /// Number of lanes in use in the last packet.
-    filled: usize,
+    /// True if rays of each octant of directions have packets of their own, which traverse fewer nodes.
+    sorts_directions: bool,
+    /// Next free lane for rays of each octant of directions; only the first unless they are sorted.
+    free: [FreeLane; OCTANTS],
     ray_types: RayTypeCounts,
     /// Account of each ray, if pixel costs or layers by effect are requested.
     accounts: Option<Vec<Lanes<Category>>>,
@@ -89,7 +104,8 @@ impl RayQueue {
             paths: Vec::new(),
             path_states: PathStates::new(effects, combines_samples),
             count: 0,
-            filled: LANES,
+            sorts_directions: false,
+            free: [FreeLane::NONE; OCTANTS],
             ray_types: RayTypeCounts::default(),
             accounts: None,
         }
@@ -103,7 +119,12 @@ impl RayQueue {
     /// Returns an empty queue for the rays of a render that continue at random, in scenes that have any.
     pub(in crate::render) fn of_bounces(frame: &RenderContext) -> Option<Box<RayQueue>> {
         let has_paths = frame.effects().has_random_paths();
-        has_paths.then(|| Box::new(RayQueue::of_frame(frame)))
+        has_paths.then(|| {
+            Box::new(RayQueue {
+                sorts_directions: true,
+                ..RayQueue::of_frame(frame)
+            })
+        })
     }
 
     /// Returns the queue with an account per ray if `settings` request pixel costs or layers by effect.
@@ -117,7 +138,7 @@ impl RayQueue {
     /// Removes all rays from the queue.
     pub(in crate::render) fn clear(&mut self) {
         self.count = 0;
-        self.filled = LANES;
+        self.free = [FreeLane::NONE; OCTANTS];
         self.ray_types = RayTypeCounts::default();
         self.path_states.clear();
     }
@@ -128,13 +149,11 @@ impl RayQueue {
     pub(in crate::render) fn label_steps(&mut self, effects: EffectSet) {
         let Some(accounts) = &self.accounts else { return };
         for (packet, accounts) in accounts.iter().enumerate().take(self.count) {
-            let lanes = if packet + 1 == self.count {
-                self.filled
-            } else {
-                LANES
-            };
-            for l in 0..lanes {
-                // Skip paths that have not bounced yet
+            for l in 0..LANES {
+                // Skip free lanes, and paths that have not bounced yet
+                if !self.packets[packet].is_active(l) {
+                    continue;
+                }
                 if effects.counts_bounces() && self.path_states.at(packet).depth(l) == 0 {
                     continue;
                 }
@@ -180,12 +199,6 @@ impl RayQueue {
         (&mut self.packets[..self.count], paths)
     }
 
-    /// Sets the path state of lane `l` of the packet pushed last.
-    fn set_travel(&mut self, l: usize, travel: &PathState) {
-        self.path_states.resize(self.count);
-        self.path_states.set(self.count - 1, l, travel);
-    }
-
     /// Sets the states of the paths of the packet pushed last to those of camera rays.
     pub(in crate::render) fn begin_paths(&mut self, paths: &CameraPaths) {
         self.path_states.resize(self.count);
@@ -210,33 +223,94 @@ impl RayQueue {
         (&mut self.packets[last], &mut self.paths[last])
     }
 
-    /// Appends one ray after the last.
+    /// Appends one ray to the packet for its direction.
     #[inline(always)]
     pub(in crate::render) fn push(&mut self, sent: &RayWorkItem) {
-        // Start a new packet if the last one is full
-        if self.filled == LANES {
-            self.push_packet();
-            self.filled = 0;
-        }
-        let (last, lane) = (self.count - 1, self.filled);
+        let FreeLane { packet, lane } = self.free_lane(sent.ray.direction);
         // Write the ray, its pixel and its throughput
-        self.packets[last].set(lane, &sent.ray);
-        self.paths[last].pixel[lane] = sent.pixel;
+        self.packets[packet].set(lane, &sent.ray);
+        self.paths[packet].pixel[lane] = sent.pixel;
         for channel in 0..3 {
-            self.paths[last].weight[channel][lane] = sent.weight[channel];
+            self.paths[packet].weight[channel][lane] = sent.weight[channel];
         }
         // Count the ray and write its optional state
         self.ray_types.count(sent);
         if let Some(accounts) = &mut self.accounts {
             accounts.resize(self.count.max(accounts.len()), [Category::Reflection; LANES]);
-            accounts[last][lane] = sent.account();
+            accounts[packet][lane] = sent.account();
         }
         if let Some(travel) = &sent.travel {
-            self.packets[last].time[lane] = travel.time;
-            self.set_travel(lane, travel);
+            self.packets[packet].time[lane] = travel.time;
+            self.path_states.resize(self.count);
+            self.path_states.set(packet, lane, travel);
         }
-        self.filled += 1;
     }
+
+    /// Appends those of the rays from diffuse surfaces that are in `lanes`, in this order.
+    pub(in crate::render) fn push_bounces(&mut self, rays: &RayLanes, states: &BouncedStates, lanes: &[u8]) {
+        // Find a free lane for each
+        let mut places = [FreeLane::NONE; LANES];
+        for (place, &l) in places.iter_mut().zip(lanes) {
+            let [x, y, z] = rays.direction.each_ref().map(|axis| axis[usize::from(l) % LANES]);
+            *place = self.free_lane(Vec3::new(x, y, z));
+        }
+        let places = &places[..lanes.len()];
+        self.path_states.resize(self.count);
+        // Write the rays, their pixels and their throughput
+        for (place, &l) in places.iter().zip(lanes) {
+            let l = usize::from(l) % LANES;
+            let [origin, direction] =
+                [rays.origin, rays.direction].map(|rows| Vec3::new(rows[0][l], rows[1][l], rows[2][l]));
+            let (packet, path) = (&mut self.packets[place.packet], &mut self.paths[place.packet]);
+            packet.set(place.lane, &Ray::new(origin, direction));
+            packet.time[place.lane] = states.arrival.time(l);
+            path.pixel[place.lane] = rays.pixel[l];
+            for channel in 0..3 {
+                path.weight[channel][place.lane] = rays.weight[channel][l];
+            }
+        }
+        self.path_states.set_bounced(states, places, lanes);
+        // Count the rays
+        let is_color = |l: u8| states.arrival.wavelength(usize::from(l)) != 0.0;
+        let color_count = lanes.iter().filter(|&&l| is_color(l)).count() as u64;
+        self.ray_types.bounced_colors += color_count;
+        self.ray_types.bounced += lanes.len() as u64 - color_count;
+        if let Some(accounts) = &mut self.accounts {
+            accounts.resize(self.count.max(accounts.len()), [Category::Reflection; LANES]);
+            for (place, &l) in places.iter().zip(lanes) {
+                accounts[place.packet][place.lane] = match is_color(l) {
+                    true => Category::Dispersion,
+                    false => Category::Interreflection,
+                };
+            }
+        }
+    }
+
+    /// Returns the lane for the next ray of that direction, in a new packet if the one for such directions is full.
+    #[inline(always)]
+    fn free_lane(&mut self, direction: Vec3) -> FreeLane {
+        let octant = match self.sorts_directions {
+            true => octant(direction),
+            false => 0,
+        };
+        if self.free[octant].lane == LANES {
+            self.push_packet();
+            self.free[octant] = FreeLane {
+                packet: self.count - 1,
+                lane: 0,
+            };
+        }
+        let place = self.free[octant];
+        self.free[octant].lane += 1;
+        place
+    }
+}
+
+/// Returns the index of the octant of a direction, from the signs of its coordinates.
+#[inline(always)]
+fn octant(direction: Vec3) -> usize {
+    let [x, y, z] = direction.to_array().map(|axis| (axis.to_bits() >> 31) as usize);
+    x | y << 1 | z << 2
 }
 
 /// View of the paths of consecutive packets of a generation.
@@ -282,165 +356,135 @@ impl<'a> Paths<'a> {
     }
 }
 
-/// Queue of shadow rays, with the radiance that each contributes if it is not occluded.
-pub(in crate::render) struct ShadowQueue {
-    packets: [RayPacket; MAX_BATCH],
-    payloads: [ShadowPayload; MAX_BATCH],
-    /// Dielectric interiors around the shaded points.
-    media: InteriorArray,
-    /// Radiance of each packet that ends at surfaces that refract; `None` if no light is split in this way.
-    lobe_radiance: Option<Box<[Lanes3<f32>; MAX_BATCH]>>,
-    /// Number of packets in use.
-    count: usize,
-    /// Largest number of packets.
-    capacity: usize,
-    /// Light that each packet is sent to; not written in scenes with plain effects only.
-    sources: [LightSource; MAX_BATCH],
-    /// End that all rays of a packet have in common, if there is one.
-    ends: [Option<RayEnd>; MAX_BATCH],
-    /// True for packets to lights whose photons bring the light behind bodies that refract.
-    has_photons: [bool; MAX_BATCH],
-}
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
 
-/// Shadow rays that are traced together.
-pub(in crate::render) struct QueuedShadowRays<'a> {
-    pub(in crate::render) packets: &'a mut [RayPacket],
-    pub(in crate::render) payloads: &'a mut [ShadowPayload],
-    /// Dielectric interiors around the shaded points.
-    pub(in crate::render) media: &'a mut InteriorArray,
-    /// Radiance of each packet beside that of its payload, which ends at surfaces that refract.
-    pub(in crate::render) lobe_radiance: Option<&'a mut [Lanes3<f32>]>,
-    /// Flag for each packet: whether all of its light ends at bodies that refract.
-    pub(in crate::render) has_photons: &'a [bool],
-}
+    use super::*;
+    use crate::numeric::SplitMix64;
+    use crate::scene::Effect;
 
-/// Pixels that a packet of shadow rays contributes to, and its unoccluded radiance.
-#[derive(Clone)]
-pub(in crate::render) struct ShadowPayload {
-    pub(in crate::render) pixel: Lanes<u32>,
-    pub(in crate::render) radiance: Lanes3<f32>,
-}
-
-impl ShadowQueue {
-    /// Returns an empty queue of `capacity` packets, at most [`MAX_BATCH`], for shadow rays of these effects.
-    pub(in crate::render) fn new(effects: EffectSet, capacity: usize) -> Box<ShadowQueue> {
-        let mut media = InteriorArray::new(effects);
-        media.resize(MAX_BATCH);
-        Box::new(ShadowQueue {
-            packets: std::array::from_fn(|_| RayPacket::EMPTY),
-            payloads: std::array::from_fn(|_| ShadowPayload {
-                pixel: [0; LANES],
-                radiance: [[0.0; LANES]; 3],
-            }),
-            media,
-            lobe_radiance: None,
-            count: 0,
-            capacity: capacity.min(MAX_BATCH),
-            sources: [LightSource::Emission; MAX_BATCH],
-            ends: [None; MAX_BATCH],
-            has_photons: [false; MAX_BATCH],
-        })
+    /// Ray with the state of its path, in bits.
+    #[derive(Debug, PartialEq)]
+    struct QueuedRay {
+        direction: [u32; 3],
+        pixel: u32,
+        weight: [u32; 3],
+        counts: [u32; 4],
+        density: f32,
     }
 
-    /// Adds the radiance of packets that ends at surfaces that refract, if `is_split`.
-    pub(in crate::render) fn with_lobe_radiance(mut self: Box<Self>, is_split: bool) -> Box<ShadowQueue> {
-        self.lobe_radiance = is_split.then(|| Box::new([[[0.0; LANES]; 3]; MAX_BATCH]));
-        self
-    }
-
-    /// Number of bytes of the packets and payloads.
-    pub(in crate::render) const BYTES: usize = size_of::<ShadowQueue>();
-
-    /// Adds the bytes of the optional arrays.
-    pub(in crate::render) fn add_columns_to(&self, memory: &mut Memory) {
-        self.media.add_to(memory);
-        let split = self
-            .lobe_radiance
-            .as_ref()
-            .map_or(0, |lobes| size_of_val(&**lobes));
-        memory.add(
-            Effect::RoughReflection.name(),
-            "light of lobes in shadow rays",
-            split,
-        );
-    }
-
-    /// Returns whether there is no room for another packet.
-    pub(in crate::render) fn is_full(&self) -> bool {
-        self.count == self.capacity
-    }
-
-    /// Returns memory for one more packet, which counts once [`ShadowQueue::commit`] is called.
-    pub(in crate::render) fn next(&mut self) -> (&mut RayPacket, &mut ShadowPayload) {
-        (&mut self.packets[self.count], &mut self.payloads[self.count])
-    }
-
-    /// Sets the radiance of the packet committed next that ends at surfaces that refract.
-    pub(in crate::render) fn set_lobe_radiance(&mut self, radiance: &Lanes3<f32>) {
-        if let Some(lobes) = &mut self.lobe_radiance {
-            lobes[self.count] = *radiance;
+    /// Returns the rays of a queue in order.
+    fn queued(queue: &mut RayQueue) -> Vec<QueuedRay> {
+        let (packets, paths) = queue.parts();
+        let mut rays = Vec::new();
+        for (index, packet) in packets.iter().enumerate() {
+            let (path, states) = paths.at(index);
+            for l in (0..LANES).filter(|&l| packet.is_active(l)) {
+                let state = states.unwrap().lane(l);
+                let direction = packet.ray(l).direction;
+                assert_eq!(state.direction.as_vec3(), direction);
+                rays.push(QueuedRay {
+                    direction: direction.to_array().map(f32::to_bits),
+                    pixel: path.pixel[l],
+                    weight: [0, 1, 2].map(|channel| path.weight[channel][l].to_bits()),
+                    counts: [state.depth, state.bounces, state.sample, state.split],
+                    density: state.density,
+                });
+            }
         }
+        rays
     }
 
-    /// Sets the light that the packet committed next is sent to.
-    pub(in crate::render) fn set_source(&mut self, source: LightSource) {
-        self.sources[self.count] = source;
-    }
-
-    /// Sets whether photons bring the light of the packet committed next behind bodies that refract.
-    pub(in crate::render) fn set_photons(&mut self, has_photons: bool) {
-        self.has_photons[self.count] = has_photons;
-    }
-
-    /// Returns the light that each packet was sent to.
-    pub(in crate::render) fn sources(&self) -> [LightSource; MAX_BATCH] {
-        self.sources
-    }
-
-    /// Sets the end that all rays of the packet committed next have in common, if there is one.
-    pub(in crate::render) fn set_end(&mut self, end: Option<RayEnd>) {
-        self.ends[self.count] = end;
-    }
-
-    /// Returns the common end of the rays of each packet.
-    pub(in crate::render) fn ends(&self) -> [Option<RayEnd>; MAX_BATCH] {
-        self.ends
-    }
-
-    /// Adds the packet last written to the queue.
-    pub(in crate::render) fn commit(&mut self) {
-        self.count += 1;
-    }
-
-    /// Sets the interiors around the points of the packet last committed.
-    pub(in crate::render) fn set_media(&mut self, path_states: PathStatePacket) {
-        for l in 0..LANES {
-            self.media.set(self.count - 1, l, &path_states.media(l));
+    #[test]
+    fn bounces_queued_together_equal_those_queued_one_by_one_sorted_by_octant() {
+        let effects = EffectSet::NONE
+            .with(Effect::Interreflection)
+            .with(Effect::Refraction)
+            .with(Effect::RoughReflection)
+            .with(Effect::AreaLight);
+        let sorted = || RayQueue {
+            sorts_directions: true,
+            ..RayQueue::new(effects, true)
+        };
+        let mut random = SplitMix64::new(4, 1);
+        // Queue rays that arrive at the surfaces
+        let mut arriving = RayQueue::new(effects, true);
+        for l in 0..LANES as u32 {
+            let travel = PathState {
+                depth: 3 + l,
+                bounces: l % 3,
+                sample: 7 * l,
+                split: 1 + l % 2,
+                density: 0.5,
+                ..PathState::NONE
+            };
+            arriving.push(&RayWorkItem {
+                ray: Ray::new(Vec3::ZERO, Vec3::X),
+                pixel: l,
+                weight: [1.0; 3],
+                sender: Category::Interreflection,
+                travel: Some(travel),
+            });
         }
-    }
-
-    /// Sets the same interiors around all points of the packet that is committed next.
-    pub(in crate::render) fn set_medium(&mut self, media: &InteriorStack) {
-        for l in 0..LANES {
-            self.media.set(self.count, l, media);
+        let (_, paths) = arriving.parts();
+        let (_, states) = paths.at(0);
+        let arrival = states.unwrap();
+        let (mut together, mut single) = (sorted(), sorted());
+        for _ in 0..20 {
+            // Bounce into random directions from some of the surfaces
+            let (mut exact, mut direction, mut weight) =
+                ([[0.0; LANES]; 3], [[0.0; LANES]; 3], [[0.0; LANES]; 3]);
+            let pixel: Lanes<u32> = std::array::from_fn(|l| 100 + l as u32);
+            for l in 0..LANES {
+                let towards = random.direction();
+                for axis in 0..3 {
+                    exact[axis][l] = towards[axis];
+                    direction[axis][l] = towards[axis] as f32;
+                    weight[axis][l] = random.unit() as f32;
+                }
+            }
+            let kept: Vec<u8> = (0..LANES as u8).filter(|_| random.unit() < 0.7).collect();
+            let states = BouncedStates {
+                arrival,
+                direction: &exact,
+                cone: &[PathState::NONE.cone; LANES],
+            };
+            let rays = RayLanes {
+                origin: &[[0.5; LANES]; 3],
+                direction: &direction,
+                pixel: &pixel,
+                weight: &weight,
+            };
+            together.push_bounces(&rays, &states, &kept);
+            for l in kept.into_iter().map(usize::from) {
+                let before = arrival.lane(l);
+                single.push(&RayWorkItem {
+                    ray: Ray::new(Vec3::splat(0.5), Vec3::from(direction.map(|axis| axis[l]))),
+                    pixel: pixel[l],
+                    weight: weight.map(|channel| channel[l]),
+                    sender: Category::Interreflection,
+                    travel: Some(PathState {
+                        depth: before.depth + 1,
+                        bounces: before.bounces + 1,
+                        direction: DVec3::from(exact.map(|axis| axis[l])),
+                        density: 0.0,
+                        ..before
+                    }),
+                });
+            }
         }
-    }
-
-    /// Empties the queue like [`ShadowQueue::drain`] and returns all that its packets carry.
-    pub(in crate::render) fn drain_all(&mut self) -> QueuedShadowRays<'_> {
-        let count = std::mem::take(&mut self.count);
-        QueuedShadowRays {
-            packets: &mut self.packets[..count],
-            payloads: &mut self.payloads[..count],
-            media: &mut self.media,
-            lobe_radiance: self.lobe_radiance.as_mut().map(|lobes| &mut lobes[..count]),
-            has_photons: &self.has_photons[..count],
+        assert_eq!(together.ray_types().bounced, single.ray_types().bounced);
+        assert_eq!(queued(&mut together), queued(&mut single));
+        // Each packet holds directions of one octant
+        let (packets, _) = together.parts();
+        assert!(packets.len() < 30, "{}", packets.len());
+        for packet in packets {
+            let directions = (0..LANES)
+                .filter(|&l| packet.is_active(l))
+                .map(|l| packet.ray(l).direction);
+            let octants: Vec<usize> = directions.map(octant).collect();
+            assert!(octants.iter().all(|&octant| octant == octants[0]), "{octants:?}");
         }
-    }
-
-    /// Empties the queue and returns its packets and their payloads.
-    pub(in crate::render) fn drain(&mut self) -> (&mut [RayPacket], &mut [ShadowPayload]) {
-        let count = std::mem::take(&mut self.count);
-        (&mut self.packets[..count], &mut self.payloads[..count])
     }
 }

@@ -261,8 +261,12 @@ impl ShadingState<'_, '_> {
     ) {
         let frame = self.frame;
         let effects = self.effects::<BASIC>();
-        let lights = frame.scene.lights.iter().zip(&frame.plan.casts_shadows);
-        for (number, (light, &casts)) in lights.enumerate() {
+        // Sample every light, or behind a diffuse bounce one of many
+        let tree = frame.light_tree.as_ref();
+        let tree = tree.filter(|_| !BASIC && stage.is_behind_bounce);
+        for &number in tree.map_or(&frame.light_numbers, |tree| &tree.others) {
+            let number = number as usize;
+            let light = &frame.scene.lights[number];
             if !BASIC {
                 self.current_source = LightSource::Light(number as u32);
             }
@@ -280,8 +284,11 @@ impl ShadingState<'_, '_> {
             let (packet, payload) = self.shadow_queue.next();
             if direct::sample_direct(light, lit, packet, &mut payload.radiance) {
                 self.shadow_queue.set_end(common_end(light));
-                self.commit_shadow_rays::<BASIC>(traced, casts);
+                self.commit_shadow_rays::<BASIC>(traced, frame.plan.casts_shadows[number]);
             }
+        }
+        if let Some(tree) = tree {
+            self.queue_chosen_lights(tree, traced, lit, stage);
         }
         // Sample the environment map
         if effects.has(Effect::Environment) {
@@ -396,6 +403,10 @@ impl ShadingState<'_, '_> {
             return self.trace_transparent_shadow_rays(order);
         }
         let (sources, ends) = (self.shadow_queue.sources(), self.shadow_queue.ends());
+        let chosen = match BASIC {
+            true => None,
+            false => self.shadow_queue.chosen(),
+        };
         let (packets, payloads) = self.shadow_queue.drain();
         if packets.is_empty() {
             return;
@@ -425,7 +436,9 @@ impl ShadingState<'_, '_> {
             } else {
                 sources[index]
             };
-            self.film.add(&payload.pixel, &payload.radiance, source);
+            let lights = chosen.as_ref().map(|chosen| &chosen[index]);
+            self.film
+                .add_from((&payload.pixel, &payload.radiance), source, lights);
         }
         let lanes = (0..packets.len()).map(|index| (&payloads[index].pixel, &packets[index].active));
         self.meter.lap_over(Category::Film, lanes);

@@ -7,7 +7,8 @@ use super::super::profile::{Category, Profiler, TileTruncation};
 use super::super::scattering::{BoundaryRays, LobeRays, MarchState};
 use super::super::surface::Surfaces;
 use super::super::tile::Tile;
-use super::ray_queue::{RayQueue, ShadowQueue};
+use super::ray_queue::RayQueue;
+use super::shadow_queue::ShadowQueue;
 use crate::numeric::LANES;
 use crate::scene::{Effect, EffectSet};
 
@@ -66,7 +67,8 @@ impl<'f, 's> ShadingState<'f, 's> {
             first_hits: FirstHits::of(frame),
             corner: [0; 2],
             shadow_queue: ShadowQueue::new(frame.effects(), frame.batch)
-                .with_lobe_radiance(frame.combined.splits_shadows),
+                .with_lobe_radiance(frame.combined.splits_shadows)
+                .with_chosen_lights(frame.light_tree.is_some() && frame.settings.wanted_light().lights),
             current_source: LightSource::Emission,
             next: RayQueue::of_frame(frame),
             next_bounced: RayQueue::of_bounces(frame),

@@ -1,16 +1,23 @@
 //! Number of camera packets in a wave.
 
-use crate::scene::{EffectSet, Material, Scene};
+use crate::scene::{Effect, EffectSet, Material, Scene};
 
 /// Number of camera packets whose complete ray trees are traced before the next begin, which bounds the queues for
 /// any number of samples. The number is smaller where lobes send many rays.
 pub(in crate::render) const WAVE: usize = 64;
+/// Greatest number, of scenes whose surfaces light each other: so many that the later generations of paths, most of which
+/// have ended, fill their packets.
+pub(in crate::render) const MAX_WAVE: usize = 4 * WAVE;
 
 /// Returns the number of camera packets per wave: so few that their lobe rays are no more than the mirror rays of a
 /// wave without lobes, but at least one.
 pub(in crate::render) fn camera_packets(scene: &Scene, effects: EffectSet) -> usize {
+    let wave = match effects.has(Effect::Interreflection) {
+        true => MAX_WAVE,
+        false => WAVE,
+    };
     if !effects.has_lobes() {
-        return WAVE;
+        return wave;
     }
     // Materials that no instance uses do not count.
     let used = scene
@@ -23,7 +30,7 @@ pub(in crate::render) fn camera_packets(scene: &Scene, effects: EffectSet) -> us
         lobes * material.rough_rays()
     };
     let max_rays = used.map(rays).max();
-    (WAVE / max_rays.unwrap_or(0).max(1) as usize).max(1)
+    (wave / max_rays.unwrap_or(0).max(1) as usize).max(1)
 }
 
 #[cfg(test)]
@@ -31,7 +38,7 @@ mod tests {
     use glam::DAffine3;
 
     use super::*;
-    use crate::scene::{Effect, Geometry, Instance};
+    use crate::scene::{Geometry, Instance};
     use crate::shape::Shape;
 
     #[test]

@@ -7,7 +7,8 @@
 use glam::DVec3;
 
 use super::{AreaLightError, LightSample, SurfacePoint, is_density, sample_of_area};
-use crate::numeric::{cumulative, warp};
+use crate::numeric::cumulative::{self, ChosenSteps};
+use crate::numeric::{Lanes, warp};
 
 /// Mesh light of triangles in world space, 84 bytes each; their fronts are where their corners run counter-clockwise.
 #[derive(Clone, Debug)]
@@ -52,6 +53,11 @@ impl MeshLight {
     #[inline(always)]
     pub(crate) fn choose(&self, u: f64) -> (usize, f64) {
         cumulative::invert(&self.cumulative_area, &self.guide, u)
+    }
+
+    /// Returns the triangles that sixteen numbers select, as [`MeshLight::choose`] does.
+    pub(crate) fn choose_packet(&self, u: &Lanes<f64>) -> ChosenSteps {
+        cumulative::invert_packet(&self.cumulative_area, &self.guide, u)
     }
 
     /// Returns the corners of a triangle in world space.

@@ -9,6 +9,7 @@ mod combined_sampling;
 mod emissive_objects;
 mod interreflection;
 mod layered_materials;
+mod many_lights;
 mod mip_filtering;
 mod motion_render;
 mod optics_render;

@@ -38,7 +38,7 @@ class Cycles(Renderer):
 
     def ladder(self, _sampler):
         """Returns samples per pixel."""
-        return [1, 4, 8, 16, 32, 64, 128]
+        return [1, 4, 8, 16, 32, 64, 128, 256, 512]
 
     def open(self, scene, folder):
         """Writes the description and starts the worker, which imports the glTF file itself."""
@@ -47,7 +47,7 @@ class Cycles(Renderer):
         described = {
             "model": str(scene.model),
             "camera": vars(scene.camera),
-            "light": vars(scene.light),
+            "light": scene.light and vars(scene.light),
             "size": scene.size,
         }
         self.scene_file = self.folder / f"{scene.name}.json"

@@ -1,4 +1,4 @@
-"""Mitsuba 3, in its variant that compiles kernels by LLVM, with the integrator `direct`."""
+"""Mitsuba 3, in its variant that compiles kernels by LLVM, with the integrators `direct` and, for interreflection, `path`."""
 
 import io
 import json
@@ -57,7 +57,7 @@ class Mitsuba(Renderer):
         meshes = list(enumerate(gltf.meshes(gltf.read(scene.model))))
         described = {
             "camera": vars(scene.camera),
-            "light": vars(scene.light),
+            "light": scene.light and vars(scene.light),
             "size": scene.size,
             "meshes": [self.write_mesh(gltf.read(scene.model), mesh, f"{scene.name}_{number}") for number, mesh in meshes],
         }
@@ -71,7 +71,7 @@ class Mitsuba(Renderer):
 
     def write_mesh(self, source, mesh, name):
         """Writes one mesh and its textures; returns the worker's description."""
-        described = {"ply": str(self.folder / f"{name}.ply")}
+        described = {"ply": str(self.folder / f"{name}.ply"), "emission": gltf.emission(mesh.material)}
         write_ply(mesh, described["ply"])
         factors = mesh.material.get("pbrMetallicRoughness", {})
         if "baseColorTexture" not in factors:

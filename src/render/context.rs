@@ -84,8 +84,6 @@ pub(super) struct RenderContext<'s> {
     /// Area lights, indexed like the lights of the scene (`None` for others); empty if no area light is simulated.
     pub(super) area_lights: Vec<Option<AreaLightSampler<'s>>>,
     pub(super) environment: Option<Environment>,
-    /// Numbers of all lights of the scene.
-    pub(super) light_numbers: Vec<u32>,
     /// Tree of many lights, of which surfaces behind a diffuse bounce sample one; `None` where they sample all.
     pub(super) light_tree: Option<LightTree>,
     /// Lights that reach rough lobes both by light samples and by lobe rays.
@@ -166,7 +164,6 @@ impl<'s> RenderContext<'s> {
                 .then(|| ScreenMotion::new(camera, [settings.width, settings.height])),
             shutter: camera.shutter,
             combined,
-            light_numbers: (0..scene.lights.len() as u32).collect(),
             light_tree: division.map(|division| LightTree::build(scene, division, &lights_with_extent)),
             area_lights: lights_with_extent,
             environment: Environment::of(scene, effects),

@@ -261,39 +261,69 @@ impl ShadingState<'_, '_> {
     ) {
         let frame = self.frame;
         let effects = self.effects::<BASIC>();
-        // Sample every light, or behind a diffuse bounce one of many
-        let tree = frame.light_tree.as_ref();
-        let tree = tree.filter(|_| !BASIC && stage.is_behind_bounce);
-        for &number in tree.map_or(&frame.light_numbers, |tree| &tree.others) {
-            let number = number as usize;
-            let light = &frame.scene.lights[number];
-            if !BASIC {
-                self.current_source = LightSource::Light(number as u32);
+        // Sample one of many lights behind a diffuse bounce, and every light elsewhere
+        let is_chosen = !BASIC && stage.is_behind_bounce && frame.light_tree.is_some();
+        if is_chosen {
+            self.sample_lights_of_tree(traced, lit, stage);
+        } else {
+            let lights = frame.scene.lights.iter().zip(&frame.plan.casts_shadows);
+            for (number, (light, &casts)) in lights.enumerate() {
+                self.sample_light::<BASIC>((number, light, casts), traced, lit, stage);
             }
-            // Sample area lights point by point
-            if effects.has(Effect::AreaLight) && self.queue_area_light(number, traced, lit, stage) {
-                continue;
-            }
-            // Trace the queued shadow rays if there is no room for more
-            if self.shadow_queue.is_full() {
-                self.meter.part(Category::Lighting);
-                self.trace_shadow_rays::<BASIC>(stage.order);
-                self.meter.resume(traced.pixel, &traced.packet.active);
-            }
-            // Queue shadow rays to a punctual light
-            let (packet, payload) = self.shadow_queue.next();
-            if direct::sample_direct(light, lit, packet, &mut payload.radiance) {
-                self.shadow_queue.set_end(common_end(light));
-                self.commit_shadow_rays::<BASIC>(traced, frame.plan.casts_shadows[number]);
-            }
-        }
-        if let Some(tree) = tree {
-            self.queue_chosen_lights(tree, traced, lit, stage);
         }
         // Sample the environment map
         if effects.has(Effect::Environment) {
             self.current_source = LightSource::Environment;
             self.sample_environment(traced, lit, stage);
+        }
+    }
+
+    /// Samples one of the lights in the tree, and all that are not in it.
+    // Not inlined, so that other scenes do not pay for its registers.
+    #[inline(never)]
+    fn sample_lights_of_tree(
+        &mut self,
+        traced: &TracedPacket,
+        lit: &direct::ShadingContext,
+        stage: BatchInfo,
+    ) {
+        let frame = self.frame;
+        let Some(tree) = &frame.light_tree else { return };
+        for number in tree.others.iter().map(|&number| number as usize) {
+            let (light, casts) = (&frame.scene.lights[number], frame.plan.casts_shadows[number]);
+            self.sample_light::<false>((number, light, casts), traced, lit, stage);
+        }
+        self.queue_chosen_lights(tree, traced, lit, stage);
+    }
+
+    /// Queues shadow rays to light `number`; `casts` is true if anything can occlude it.
+    #[inline(always)]
+    fn sample_light<const BASIC: bool>(
+        &mut self,
+        (number, light, casts): (usize, &Light, bool),
+        traced: &TracedPacket,
+        lit: &direct::ShadingContext,
+        stage: BatchInfo,
+    ) {
+        if !BASIC {
+            self.current_source = LightSource::Light(number as u32);
+        }
+        // Sample area lights point by point
+        let has_areas = self.effects::<BASIC>().has(Effect::AreaLight);
+        if has_areas && self.queue_area_light(number, traced, lit, stage) {
+            return;
+        }
+        // Trace the queued shadow rays if there is no room for more
+        if self.shadow_queue.is_full() {
+            self.meter.part(Category::Lighting);
+            self.trace_shadow_rays::<BASIC>(stage.order);
+            self.meter.resume(traced.pixel, &traced.packet.active);
+        }
+        // Queue shadow rays to a punctual light
+        let (packet, payload) = self.shadow_queue.next();
+        if direct::sample_direct(light, lit, packet, &mut payload.radiance) {
+            self.shadow_queue.set_end(common_end(light));
+            self.commit_shadow_rays::<BASIC>(traced, casts);
         }
     }
 

@@ -83,7 +83,7 @@ struct LightNode {
     link: LightLink,
 }
 
-/// What a node of the light tree leads to.
+/// Successor of a node of the light tree.
 #[derive(Clone, Copy)]
 enum LightLink {
     /// Index of the second child.

@@ -23,7 +23,7 @@ pub(in crate::render) enum LightSource {
     Emission,
     /// Light of the scene with that index.
     Light(u32),
-    /// One of many lights, another for each ray.
+    /// Several lights, of which each lane has its own ([`LightGroupFilm::add_to_lights`]).
     Chosen,
     /// Environment map, sampled by shadow rays.
     Environment,

@@ -7,7 +7,7 @@ use super::super::lighting::direct::{self, IncidentLight, ShadingContext};
 use super::super::surface::lane;
 use super::super::wavefront::{ShadingState, TracedPacket};
 use crate::accel::RayPacket;
-use crate::numeric::{LANES, Lanes3};
+use crate::numeric::LANES;
 use crate::optics::LINE_D;
 use crate::scene::Effect;
 
@@ -51,13 +51,13 @@ impl ShadingState<'_, '_> {
         let has_layers = frame.settings.wanted_light().lights;
         for turn in 0..most {
             let mut arrivals = IncidentLight::NONE;
-            let mut sources = [LightSource::Emission; LANES];
+            let mut lights = [0; LANES];
             for l in (0..LANES).filter(|&l| turn < found[l].len()) {
                 let (index, density) = found[l][turn];
                 let photon = map.photon(index);
                 let cosine = Vec3::from(photon.direction).dot(lane(&lit.points.ng, l));
                 let share = density * scale[l] / cosine.max(MIN_COSINE);
-                sources[l] = LightSource::Light(photon.light);
+                lights[l] = photon.light;
                 for axis in 0..3 {
                     arrivals.wi[axis][l] = photon.direction[axis];
                     arrivals.irradiance[axis][l] = photon.power[axis] * share;
@@ -67,32 +67,17 @@ impl ShadingState<'_, '_> {
             if !direct::sample_direct_area(&arrivals, &lit, &mut scratch, &mut radiance) {
                 continue;
             }
-            // Sum up the photons of all lights, or keep them apart in layers of light
+            // Sum up the photons of all lights, and keep them apart in layers of light
             if has_layers {
-                self.add_by_light(traced, &radiance, &sources);
-                continue;
+                self.film.add_to_lights(traced.pixel, &radiance, &lights);
             }
             for (sums, channel) in total.iter_mut().zip(&radiance) {
                 (0..LANES).for_each(|l| sums[l] += channel[l]);
             }
         }
-        if most > 0 && !has_layers {
-            self.film.add(traced.pixel, &total, LightSource::Emission);
+        if most > 0 {
+            self.film.add(traced.pixel, &total, LightSource::Chosen);
         }
         self.found_photons = found;
-    }
-
-    /// Adds the radiance of one photon of each lane to the film and to the layers of its light.
-    fn add_by_light(
-        &mut self,
-        traced: &TracedPacket,
-        radiance: &Lanes3<f32>,
-        sources: &[LightSource; LANES],
-    ) {
-        for l in 0..LANES {
-            let mut single = [[0.0; LANES]; 3];
-            (0..3).for_each(|c| single[c][l] = radiance[c][l]);
-            self.film.add(traced.pixel, &single, sources[l]);
-        }
     }
 }

@@ -112,18 +112,15 @@ impl TileFilm {
         }
     }
 
-    /// Adds one value per lane from `source`, or from a light for each lane, whose layers get them.
-    #[inline(always)]
-    pub(in crate::render) fn add_from(
+    /// Adds one value per lane to the layer of a light for each lane, if there are any; the film has it from
+    /// [`LightSource::Chosen`].
+    pub(in crate::render) fn add_to_lights(
         &mut self,
-        (label, radiance): (&Lanes<u32>, &Lanes3<f32>),
-        source: LightSource,
-        lights: Option<&Lanes<u32>>,
+        label: &Lanes<u32>,
+        radiance: &Lanes3<f32>,
+        lights: &Lanes<u32>,
     ) {
-        self.add(label, radiance, source);
-        if let Some(lights) = lights.filter(|_| source == LightSource::Chosen)
-            && let Some(light) = self.light()
-        {
+        if let Some(light) = self.light() {
             light.add_to_lights(label, radiance, lights);
         }
     }

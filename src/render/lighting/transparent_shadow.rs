@@ -4,6 +4,7 @@
 //! removes what Fresnel's equations reflect and multiplies by its colour, and each medium absorbs. A shadow ray
 //! continues as the same ray from just behind the hit, so it can neither hit a surface twice nor miss one.
 
+use super::super::aov::LightSource;
 use super::super::context::RenderContext;
 use super::super::profile::{Accounts, Category, Profiler};
 use super::super::scattering::Tints;
@@ -25,7 +26,7 @@ impl ShadingState<'_, '_> {
         let Some(shadow_surfaces) = &mut self.shadow_surfaces else {
             return;
         };
-        let (sources, chosen) = (self.shadow_queue.sources(), self.shadow_queue.chosen());
+        let (sources, chosen) = (self.shadow_queue.sources(), self.shadow_queue.take_chosen());
         let mut queued = self.shadow_queue.drain_all();
         let reaches = attenuate_shadow_rays(self.frame, &mut queued, shadow_surfaces, &mut self.meter, order);
         let QueuedShadowRays {
@@ -37,10 +38,13 @@ impl ShadingState<'_, '_> {
                 let samples = marches.attenuate(packet, reach, &mut payload.radiance);
                 self.meter.ledger.volume_samples += samples;
             }
-            let lights = chosen.as_ref().map(|chosen| &chosen[index]);
-            self.film
-                .add_from((&payload.pixel, &payload.radiance), sources[index], lights);
+            self.film.add(&payload.pixel, &payload.radiance, sources[index]);
+            if let Some(chosen) = chosen.as_ref().filter(|_| sources[index] == LightSource::Chosen) {
+                self.film
+                    .add_to_lights(&payload.pixel, &payload.radiance, &chosen[index]);
+            }
         }
+        self.shadow_queue.return_chosen(chosen);
         self.meter.lap(Category::Film);
     }
 }

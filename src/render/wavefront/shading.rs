@@ -435,10 +435,13 @@ impl ShadingState<'_, '_> {
         let (sources, ends) = (self.shadow_queue.sources(), self.shadow_queue.ends());
         let chosen = match BASIC {
             true => None,
-            false => self.shadow_queue.chosen(),
+            false => self.shadow_queue.take_chosen(),
         };
         let (packets, payloads) = self.shadow_queue.drain();
         if packets.is_empty() {
+            if !BASIC {
+                self.shadow_queue.return_chosen(chosen);
+            }
             return;
         }
         // Test shadow rays for occlusion
@@ -466,12 +469,17 @@ impl ShadingState<'_, '_> {
             } else {
                 sources[index]
             };
-            let lights = chosen.as_ref().map(|chosen| &chosen[index]);
-            self.film
-                .add_from((&payload.pixel, &payload.radiance), source, lights);
+            self.film.add(&payload.pixel, &payload.radiance, source);
+            if let Some(chosen) = chosen.as_ref().filter(|_| source == LightSource::Chosen) {
+                self.film
+                    .add_to_lights(&payload.pixel, &payload.radiance, &chosen[index]);
+            }
         }
         let lanes = (0..packets.len()).map(|index| (&payloads[index].pixel, &packets[index].active));
         self.meter.lap_over(Category::Film, lanes);
+        if !BASIC {
+            self.shadow_queue.return_chosen(chosen);
+        }
     }
 }
 

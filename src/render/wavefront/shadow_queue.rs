@@ -136,9 +136,14 @@ impl ShadowQueue {
         }
     }
 
-    /// Returns the lights of the rays of packets to chosen lights, if they are kept.
-    pub(in crate::render) fn chosen(&self) -> Option<Box<ChosenLights>> {
-        self.chosen.clone()
+    /// Takes the lights of the rays of packets to chosen lights, if they are kept; [`ShadowQueue::return_chosen`] returns them.
+    pub(in crate::render) fn take_chosen(&mut self) -> Option<Box<ChosenLights>> {
+        self.chosen.take()
+    }
+
+    /// Returns the memory that [`ShadowQueue::take_chosen`] took.
+    pub(in crate::render) fn return_chosen(&mut self, chosen: Option<Box<ChosenLights>>) {
+        self.chosen = chosen;
     }
 
     /// Sets whether photons bring the light of the packet committed next behind bodies that refract.

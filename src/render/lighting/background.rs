@@ -56,25 +56,29 @@ impl RenderContext<'_> {
                     return seen;
                 };
                 // Unused lanes of a packet may have no valid direction.
-                let mut directions = [[0.0; LANES], [1.0; LANES], [0.0; LANES]];
-                for l in (0..LANES).filter(|&l| traced.packet.active[l] != 0) {
-                    let direction = direction(l);
-                    (0..3).for_each(|axis| directions[axis][l] = direction[axis]);
+                let mut directions = traced.packet.direction;
+                for (axis, lanes) in directions.iter_mut().enumerate() {
+                    let upward = if axis == 1 { 1.0 } else { 0.0 };
+                    for l in 0..LANES {
+                        let is_used = traced.packet.active[l] != 0;
+                        lanes[l] = if is_used { lanes[l] } else { upward };
+                    }
                 }
-                // Look all directions up at once
+                // Look all directions up at once, without densities if no light sample represents the map too
+                let Some(states) = traced.path_states.filter(|_| self.combined.has_environment()) else {
+                    return environment.map().look_up_radiance(&directions);
+                };
                 let found = environment.map().look_up(&directions);
                 seen = found.radiance;
-                // Weight rays whose light samples represent the map too
-                if let Some(states) = traced.path_states.filter(|_| self.combined.has_environment()) {
-                    let samples = f64::from(environment.samples(stage));
-                    for l in 0..LANES {
-                        let density = states.density(l);
-                        let share = match density == BEHIND_MIRROR {
-                            true => 1.0,
-                            false => self.combined.share_of_ray(density, found.pdf[l] * samples),
-                        };
-                        (0..3).for_each(|c| seen[c][l] *= share);
-                    }
+                // Weight the rays by their share beside light samples
+                let samples = f64::from(environment.samples(stage));
+                for l in 0..LANES {
+                    let density = states.density(l);
+                    let share = match density == BEHIND_MIRROR {
+                        true => 1.0,
+                        false => self.combined.share_of_ray(density, found.pdf[l] * samples),
+                    };
+                    (0..3).for_each(|c| seen[c][l] *= share);
                 }
             }
         }

@@ -9,26 +9,32 @@ use super::super::film::without_step;
 use super::super::profile::Category;
 use super::super::wavefront::{BatchInfo, ShadingState, TracedPacket};
 use crate::accel::NO_HIT;
-use crate::numeric::{LANES, Lanes3};
+use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::scene::image_settings::VisibleBackground;
 
 impl ShadingState<'_, '_> {
     /// Adds the requested background at the end of straight camera rays, and returns the weights of the packet without
-    /// theirs, so that the scene's background adds nothing to them.
+    /// theirs, so that the scene's background adds nothing to them; `None` if the packet has no such ray.
     ///
     /// A transparent background adds the weight to the film of transparency in place of radiance.
-    #[cold]
+    #[inline(never)]
     pub(in crate::render) fn replace_background(
         &mut self,
         traced: &TracedPacket,
         stage: BatchInfo,
-    ) -> Lanes3<f32> {
+    ) -> Option<Lanes3<f32>> {
+        let sees_background = self.straight_misses(traced, stage);
+        if !sees_background.contains(&true) {
+            return None;
+        }
         // Divide the weights between straight camera rays that missed and all other lanes
         let mut weight = *traced.weight;
         let mut straight = [[0.0; LANES]; 3];
-        for l in (0..LANES).filter(|&l| self.sees_background(traced, stage, l)) {
-            for channel in 0..3 {
-                straight[channel][l] = std::mem::take(&mut weight[channel][l]);
+        for channel in 0..3 {
+            for l in 0..LANES {
+                let whole = weight[channel][l];
+                straight[channel][l] = if sees_background[l] { whole } else { 0.0 };
+                weight[channel][l] = if sees_background[l] { 0.0 } else { whole };
             }
         }
         // Add the background to the image, or the weights to the transparency
@@ -45,17 +51,22 @@ impl ShadingState<'_, '_> {
             _ => {}
         }
         self.meter.part(Category::Surroundings);
-        weight
+        Some(weight)
     }
 
-    /// Returns whether lane `l` is a straight camera ray that missed the scene.
-    fn sees_background(&self, traced: &TracedPacket, stage: BatchInfo, l: usize) -> bool {
-        if traced.packet.active[l] == 0 || traced.packet.instance[l] != NO_HIT {
-            return false;
+    /// Returns which lanes are straight camera rays that missed the scene.
+    fn straight_misses(&self, traced: &TracedPacket, stage: BatchInfo) -> Lanes<bool> {
+        let mut misses = [false; LANES];
+        for l in 0..LANES {
+            misses[l] = (traced.packet.active[l] != 0) & (traced.packet.instance[l] == NO_HIT);
         }
         // Paths count their reflections and refractions only in scenes where rays pass surfaces
         let passes = self.frame.effects().counts_bounces();
-        let path_states = traced.path_states.filter(|_| passes);
-        stage.depth == 0 || path_states.is_some_and(|path_states| path_states.depth(l) == 0)
+        match traced.path_states.filter(|_| passes) {
+            _ if stage.depth == 0 => {}
+            Some(path_states) => (0..LANES).for_each(|l| misses[l] &= path_states.depth(l) == 0),
+            None => misses = [false; LANES],
+        }
+        misses
     }
 }

@@ -68,8 +68,10 @@ impl ShadingState<'_, '_> {
                 path_states,
             };
             // Replace the background that camera rays see, if another is requested
-            let elsewhere =
-                (!BASIC && self.frame.replaces_background()).then(|| self.replace_background(&traced, stage));
+            let elsewhere = match !BASIC && self.frame.replaces_background() {
+                true => self.replace_background(&traced, stage),
+                false => None,
+            };
             if let Some(elsewhere) = &elsewhere {
                 traced.weight = elsewhere;
             }
@@ -84,8 +86,8 @@ impl ShadingState<'_, '_> {
                     self.note_first_hits(packet, &path.pixel, surfaces);
                 }
                 self.shade::<BASIC>(effects, &traced, surfaces, stage);
-            // Add background radiance if all rays missed
-            } else if effects.has_unlit_radiance() {
+            // Add background radiance if all rays missed, unless all of them have seen another one
+            } else if effects.has_unlit_radiance() && traced.sees_background() {
                 self.add_background(traced, stage);
             }
             self.meter.leave();
@@ -234,11 +236,7 @@ impl ShadingState<'_, '_> {
     #[inline(never)]
     fn add_emission(&mut self, traced: TracedPacket, surfaces: &Surfaces, stage: BatchInfo) {
         // Look up the background if any ray missed the scene
-        let mut missed = false;
-        for l in 0..LANES {
-            missed |= (traced.packet.active[l] != 0) & !surfaces.points.hit[l];
-        }
-        let background = match missed {
+        let background = match traced.sees_background() {
             true => self.frame.background_along(&traced, stage),
             false => [[0.0; LANES]; 3],
         };

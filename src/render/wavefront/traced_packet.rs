@@ -1,8 +1,8 @@
 //! Traced ray packets with the paths of their rays.
 
 use super::path_state::PathStatePacket;
-use crate::accel::{Coherence, RayPacket};
-use crate::numeric::{Lanes, Lanes3};
+use crate::accel::{Coherence, NO_HIT, RayPacket};
+use crate::numeric::{LANES, Lanes, Lanes3};
 
 /// Properties that all rays of a batch share.
 #[derive(Clone, Copy)]
@@ -31,4 +31,18 @@ pub(in crate::render) struct TracedPacket<'a> {
     /// Path throughput at the hits, after absorption and scattering along the rays.
     pub(in crate::render) weight: &'a Lanes3<f32>,
     pub(in crate::render) path_states: Option<PathStatePacket<'a>>,
+}
+
+impl TracedPacket<'_> {
+    /// Returns whether any ray of non-zero weight has missed the scene.
+    #[inline(always)]
+    pub(in crate::render) fn sees_background(&self) -> bool {
+        let (packet, [r, g, b]) = (self.packet, self.weight);
+        let mut sees = false;
+        for l in 0..LANES {
+            let is_miss = (packet.active[l] != 0) & (packet.instance[l] == NO_HIT);
+            sees |= is_miss & ((r[l] != 0.0) | (g[l] != 0.0) | (b[l] != 0.0));
+        }
+        sees
+    }
 }

@@ -30,8 +30,15 @@ pub struct EnvironmentSamples {
 type TexelLanes = [Lanes3<f32>; 4];
 
 impl EnvironmentMap {
-    /// Returns the radiance from `directions`, unit vectors in world space, and their densities.
-    pub fn look_up(&self, directions: &Lanes3<f64>) -> EnvironmentLanes {
+    /// Returns the radiance from `directions`, which are in world space and of any length.
+    pub fn look_up_radiance(&self, directions: &Lanes3<f32>) -> Lanes3<f32> {
+        let mut radiance = [[0.0; LANES]; 3];
+        look_up_radiance_lanes(self, directions, &mut radiance);
+        radiance
+    }
+
+    /// Returns the radiance from `directions`, which are in world space and of any length, and their densities.
+    pub fn look_up(&self, directions: &Lanes3<f32>) -> EnvironmentLanes {
         let mut found = EnvironmentLanes {
             radiance: [[0.0; LANES]; 3],
             pdf: [0.0; LANES],
@@ -82,23 +89,58 @@ impl EnvironmentMap {
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
-fn look_up_lanes(map: &EnvironmentMap, directions: &Lanes3<f64>, found: &mut EnvironmentLanes) {
-    // Compute the cells of all lanes
-    let (mut column, mut row) = ([0; LANES], [0; LANES]);
-    let mut fraction = [[0.0; LANES]; 2];
+fn look_up_radiance_lanes(map: &EnvironmentMap, directions: &Lanes3<f32>, radiance: &mut Lanes3<f32>) {
+    let cells = CellLanes::at(map, directions);
+    interpolate(&map.texels(&cells.column, &cells.row), &cells.fraction, radiance);
+}
+
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+fn look_up_lanes(map: &EnvironmentMap, directions: &Lanes3<f32>, found: &mut EnvironmentLanes) {
+    let cells = CellLanes::at(map, directions);
+    let texels = map.texels(&cells.column, &cells.row);
+    interpolate(&texels, &cells.fraction, &mut found.radiance);
+    // Compute the densities
+    let row_density = map.row_densities_at(&cells.row);
     let mut sines = [0.0; LANES];
     for l in 0..LANES {
-        let [x, y, z] = [directions[0][l], directions[1][l], directions[2][l]];
-        let position = map.position_at(map.cell_coordinates([x, y, z]));
-        (column[l], row[l]) = (position.column as u32, position.row as u32);
-        (0..2).for_each(|axis| fraction[axis][l] = position.fraction[axis]);
-        sines[l] = (x * x + z * z).sqrt();
+        let [x, y, z] = wide([directions[0][l], directions[1][l], directions[2][l]]);
+        let horizontal = x * x + z * z;
+        sines[l] = (horizontal / (horizontal + y * y)).sqrt();
     }
-    // Interpolate between texels
-    let texels = map.texels(&column, &row);
-    let row_density = map.row_densities_at(&row);
-    interpolate(&texels, &fraction, &mut found.radiance);
     densities(&row_density, &sines, &found.radiance, &mut found.pdf);
+}
+
+/// Cells of the map in each lane, and positions within them.
+struct CellLanes {
+    column: Lanes<u32>,
+    row: Lanes<u32>,
+    fraction: [Lanes<f64>; 2],
+}
+
+impl CellLanes {
+    #[inline(always)]
+    fn at(map: &EnvironmentMap, directions: &Lanes3<f32>) -> CellLanes {
+        let mut cells = CellLanes {
+            column: [0; LANES],
+            row: [0; LANES],
+            fraction: [[0.0; LANES]; 2],
+        };
+        for l in 0..LANES {
+            let direction = wide([directions[0][l], directions[1][l], directions[2][l]]);
+            let position = map.position_at(map.cell_coordinates(direction));
+            (cells.column[l], cells.row[l]) = (position.column as u32, position.row as u32);
+            (0..2).for_each(|axis| cells.fraction[axis][l] = position.fraction[axis]);
+        }
+        cells
+    }
+}
+
+#[inline(always)]
+fn wide([x, y, z]: [f32; 3]) -> [f64; 3] {
+    [x.into(), y.into(), z.into()]
 }
 
 #[multiversion(targets(
@@ -173,7 +215,7 @@ fn lane(vectors: &Lanes3<f32>, l: usize) -> [f32; 3] {
 
 #[cfg(test)]
 mod tests {
-    use glam::DVec3;
+    use glam::{DVec3, Vec3};
 
     use super::super::tests::{map, midpoints, speckled_map};
     use super::*;
@@ -181,10 +223,17 @@ mod tests {
     #[test]
     fn lanes_have_the_radiance_and_density_of_single_directions() {
         let map = speckled_map();
-        let directions: Vec<DVec3> = midpoints(64).map(|[a, b]| warp::direction(2.0 * a, b)).collect();
+        // Of lengths from 2^-20 to 2^20
+        let directions: Vec<Vec3> = midpoints(64)
+            .zip((-20..=20).cycle())
+            .map(|([a, b], exponent)| warp::direction(2.0 * a, b).as_vec3() * f32::powi(2.0, exponent))
+            .collect();
         for packet in directions.chunks_exact(LANES) {
-            let found = map.look_up(&[0, 1, 2].map(|axis| std::array::from_fn(|l| packet[l][axis])));
-            for (l, &direction) in packet.iter().enumerate() {
+            let lanes = [0, 1, 2].map(|axis| std::array::from_fn(|l| packet[l][axis]));
+            let found = map.look_up(&lanes);
+            assert_eq!(map.look_up_radiance(&lanes), found.radiance);
+            for (l, direction) in packet.iter().enumerate() {
+                let direction = direction.as_dvec3().normalize();
                 let radiance = [0, 1, 2].map(|channel| found.radiance[channel][l]);
                 let (expected, pdf) = (map.radiance(direction), map.pdf(direction));
                 // Fused operations round otherwise

@@ -131,6 +131,16 @@ impl RayPacket {
         self.active[lane] != 0
     }
 
+    /// Returns the mask of the lanes that are traced: bit `i` is lane `i`.
+    #[inline(always)]
+    pub(in crate::accel) fn active_mask(&self) -> u32 {
+        let mut mask = 0;
+        for lane in 0..LANES {
+            mask |= u32::from(self.active[lane] != 0) << lane;
+        }
+        mask
+    }
+
     /// Returns whether any lane is traced.
     #[inline(always)]
     pub fn any_active(&self) -> bool {

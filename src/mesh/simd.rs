@@ -34,6 +34,9 @@ pub trait SimdLevel: Copy {
     /// and every index within it.
     fn permute<const N: usize>(self, table: &[f32; N], index: &[u32; 8]) -> [f32; 8];
 
+    /// Selects one of four values for each lane: lane `i` of the result is `values[index[i]]`. Every index must be below four.
+    fn select_of_four<const N: usize>(self, values: &[f32; 4], index: &[u32; N]) -> [f32; N];
+
     /// Adds 1 to `below_high[i]` where `a[i] < high`, and to `below_both[i]` where `a[i] <= low` holds as well.
     fn count_below<const N: usize>(
         self,
@@ -136,6 +139,15 @@ impl SimdLevel for Scalar {
     }
 
     #[inline(always)]
+    fn select_of_four<const N: usize>(self, values: &[f32; 4], index: &[u32; N]) -> [f32; N] {
+        let mut out = [0.0; N];
+        for i in 0..N {
+            out[i] = values[(index[i] & 3) as usize];
+        }
+        out
+    }
+
+    #[inline(always)]
     fn count_below<const N: usize>(
         self,
         a: &[f32; N],
@@ -183,6 +195,11 @@ impl<I: SimdLevel> SimdLevel for F32Only<I> {
     #[inline(always)]
     fn permute<const N: usize>(self, table: &[f32; N], index: &[u32; 8]) -> [f32; 8] {
         self.0.permute(table, index)
+    }
+
+    #[inline(always)]
+    fn select_of_four<const N: usize>(self, values: &[f32; 4], index: &[u32; N]) -> [f32; N] {
+        self.0.select_of_four(values, index)
     }
 
     #[inline(always)]
@@ -277,6 +294,20 @@ mod x86 {
             cast(permuted)
         }
 
+        /// Selects in eight lanes at a time; `N` must be a multiple of eight.
+        #[inline(always)]
+        fn select_of_four<const N: usize>(self, values: &[f32; 4], index: &[u32; N]) -> [f32; N] {
+            let [a, b, c, d] = *values;
+            let values = cast([a, b, c, d, a, b, c, d]);
+            let mut out = [0.0; N];
+            let (parts, _) = out.as_chunks_mut::<8>();
+            let (index, _) = index.as_chunks::<8>();
+            for i in 0..N / 8 {
+                parts[i] = cast(self.avx._mm256_permutevar_ps(values, cast(index[i])));
+            }
+            out
+        }
+
         /// Compares eight lanes at a time; `N` must be a multiple of eight.
         #[inline(always)]
         fn count_below<const N: usize>(
@@ -352,6 +383,22 @@ mod x86 {
         #[inline(always)]
         fn permute<const N: usize>(self, table: &[f32; N], index: &[u32; 8]) -> [f32; 8] {
             (*self).permute(table, index)
+        }
+
+        /// Selects in sixteen lanes at a time, or in eight if `N` is only a multiple of eight.
+        #[inline(always)]
+        fn select_of_four<const N: usize>(self, values: &[f32; 4], index: &[u32; N]) -> [f32; N] {
+            if !N.is_multiple_of(16) {
+                return (*self).select_of_four(values, index);
+            }
+            let values = cast([*values; 4]);
+            let mut out = [0.0; N];
+            let (parts, _) = out.as_chunks_mut::<16>();
+            let (index, _) = index.as_chunks::<16>();
+            for i in 0..N / 16 {
+                parts[i] = cast(self.avx512f._mm512_permutevar_ps(values, cast(index[i])));
+            }
+            out
         }
 
         #[inline(always)]
@@ -476,6 +523,27 @@ mod tests {
             assert_eq!(Permute(table, index).run(Scalar), expected);
             assert_eq!(dispatch(Permute(table, index)), expected);
         }
+    }
+
+    struct SelectOfFour([f32; 4], [u32; 16]);
+
+    impl SimdKernel for SelectOfFour {
+        type Output = [f32; 16];
+
+        #[inline(always)]
+        fn run<I: SimdLevel>(self, isa: I) -> [f32; 16] {
+            isa.select_of_four(&self.0, &self.1)
+        }
+    }
+
+    #[test]
+    fn selections_of_four_agree_across_instruction_sets() {
+        let index = [0, 1, 2, 3, 3, 2, 1, 0, 2, 2, 0, 3, 1, 1, 0, 3];
+        let expected = index.map(|i| 10.0 + i as f32);
+        let selection = || SelectOfFour([10.0, 11.0, 12.0, 13.0], index);
+        assert_eq!(selection().run(Scalar), expected);
+        assert_eq!(dispatch(selection()), expected);
+        assert_eq!(dispatch_sixteen(selection()), expected);
     }
 
     struct CountBelow([f32; 16], f32, f32);

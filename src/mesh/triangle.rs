@@ -26,12 +26,12 @@ use glam::Vec3;
 use super::simd::{Scalar, SimdLevel, add, div, lanes, max, min, mul, sub};
 #[cfg(feature = "embree")]
 pub(crate) use indexed::ProjectedVertices;
-pub(crate) use indexed::{HitLanes, may_contain_origin};
+pub(crate) use indexed::{HitLanes, ShearedVertex, may_contain_origin};
 use near_origin::may_be_behind;
 pub use shear::Shear;
 pub(crate) use shear::dominant_axis;
-pub(crate) use shear_lanes::OwnAxes;
 pub use shear_lanes::ShearLanes;
+pub(crate) use shear_lanes::{AxisOrders, OwnAxes};
 #[cfg(feature = "embree")]
 pub(crate) use shear_lanes::{LaneAxes, dominant_axes};
 

@@ -110,20 +110,31 @@ impl MaterialPacket {
             return radiance;
         }
         // Add the albedo of each lobe that is not gathered by rays
-        for channel in 0..3 {
-            for l in 0..LANES {
-                let is_gathered = self.roughness[l] <= MIRROR_ROUGHNESS || self.has_lobe(l);
-                if !(is_gathered || self.extended.is_phong[l]) {
-                    let albedo = if self.effects.has(Effect::EnergyConservation) {
-                        self.specular_albedo::<true, true>(channel, l)
-                    } else {
-                        self.f0::<true>(channel, l)
-                    };
-                    radiance[channel][l] += ambient[channel] * albedo * self.extended.occlusion[l];
-                }
-            }
+        let mut shares = [0.0; LANES];
+        for l in 0..LANES {
+            let is_gathered = self.roughness[l] <= MIRROR_ROUGHNESS || self.has_lobe(l);
+            let is_added = !(is_gathered || self.extended.is_phong[l]);
+            shares[l] = if is_added { self.extended.occlusion[l] } else { 0.0 };
         }
+        // No loop over the channels, which would be vectorised in place of that over the lanes
+        let [r, g, b] = &mut radiance;
+        self.add_lobes(0, ambient[0], &shares, r);
+        self.add_lobes(1, ambient[1], &shares, g);
+        self.add_lobes(2, ambient[2], &shares, b);
         radiance
+    }
+
+    /// Adds the light that lobes reflect of uniform radiance in one channel, times `shares`.
+    #[inline(always)]
+    fn add_lobes(&self, channel: usize, ambient: f32, shares: &Lanes<f32>, radiance: &mut Lanes<f32>) {
+        for l in 0..LANES {
+            let albedo = if self.effects.has(Effect::EnergyConservation) {
+                self.specular_albedo::<true, true>(channel, l)
+            } else {
+                self.f0::<true>(channel, l)
+            };
+            radiance[l] += ambient * albedo * shares[l];
+        }
     }
 
     /// Returns whether light samples light the surface in lane `l`: by its diffuse part, or by a lobe that no ray samples.

@@ -132,43 +132,42 @@ impl MaterialPacket {
         }
     }
 
-    /// Sets every lane to the factors of `material`.
+    /// Sets every lane to the factors of a material.
     #[inline(always)]
-    pub fn fill(&mut self, material: &Material) {
+    pub fn fill(&mut self, factors: &MaterialFactors) {
         if self.effects.has_basic_materials() {
-            self.fill_of::<true>(material);
+            self.fill_of::<true>(factors);
         } else {
-            self.fill_of::<false>(material);
+            self.fill_of::<false>(factors);
         }
     }
 
     /// Sets every lane; `BASIC` skips the optional effects at compile time.
     #[inline(always)]
-    fn fill_of<const BASIC: bool>(&mut self, material: &Material) {
-        let factors = Factors::of(material);
+    fn fill_of<const BASIC: bool>(&mut self, factors: &MaterialFactors) {
         for l in 0..LANES {
-            self.set_basic::<BASIC>(l, &factors);
+            self.set_basic::<BASIC>(l, factors);
         }
         if !BASIC && self.effects.needs_full_material() {
             for l in 0..LANES {
-                self.set_extended(l, &factors);
+                self.set_extended(l, factors);
             }
         }
     }
 
-    /// Sets one lane to the factors of `material`.
+    /// Sets one lane to the factors of a material.
     #[inline(always)]
-    pub fn set(&mut self, l: usize, material: &Material) {
-        self.set_of::<false>(l, material);
+    pub fn set(&mut self, l: usize, factors: &MaterialFactors) {
+        self.set_of::<false>(l, factors);
     }
 
-    /// Sets the lanes for which `material` returns one to the factors of that material.
+    /// Sets the lanes for which `factors` returns those of a material.
     #[inline(always)]
-    pub fn set_lanes<'m>(&mut self, material: impl FnMut(usize) -> Option<&'m Material>) {
+    pub fn set_lanes<'m>(&mut self, factors: impl FnMut(usize) -> Option<&'m MaterialFactors<'m>>) {
         if self.effects.has_basic_materials() {
-            self.set_lanes_of::<true>(material);
+            self.set_lanes_of::<true>(factors);
         } else {
-            self.set_lanes_of::<false>(material);
+            self.set_lanes_of::<false>(factors);
         }
     }
 
@@ -176,23 +175,22 @@ impl MaterialPacket {
     #[inline(always)]
     fn set_lanes_of<'m, const BASIC: bool>(
         &mut self,
-        mut material: impl FnMut(usize) -> Option<&'m Material>,
+        mut factors: impl FnMut(usize) -> Option<&'m MaterialFactors<'m>>,
     ) {
         for l in 0..LANES {
-            if let Some(material) = material(l) {
-                self.set_of::<BASIC>(l, material);
+            if let Some(factors) = factors(l) {
+                self.set_of::<BASIC>(l, factors);
             }
         }
     }
 
-    /// Sets one lane to the factors of `material`. `BASIC` may be true only if [`EffectSet::has_basic_materials`] holds for the
+    /// Sets one lane to the factors of a material. `BASIC` may be true only if [`EffectSet::has_basic_materials`] holds for the
     /// packet's effects.
     #[inline(always)]
-    fn set_of<const BASIC: bool>(&mut self, l: usize, material: &Material) {
-        let factors = Factors::of(material);
-        self.set_basic::<BASIC>(l, &factors);
+    fn set_of<const BASIC: bool>(&mut self, l: usize, factors: &MaterialFactors) {
+        self.set_basic::<BASIC>(l, factors);
         if !BASIC && self.effects.needs_full_material() {
-            self.set_extended(l, &factors);
+            self.set_extended(l, factors);
         }
     }
 
@@ -227,7 +225,7 @@ impl MaterialPacket {
 
     /// Sets the parameters that every packet has, in lane `l`.
     #[inline(always)]
-    fn set_basic<const BASIC: bool>(&mut self, l: usize, factors: &Factors) {
+    fn set_basic<const BASIC: bool>(&mut self, l: usize, factors: &MaterialFactors) {
         let material = factors.material;
         // Set colour and emission per channel
         let has_emission = !BASIC && self.effects.has(Effect::Emission);
@@ -266,7 +264,7 @@ impl MaterialPacket {
 
     /// Sets the rarely used parameters in lane `l`, neutral where their effect is off.
     #[inline(always)]
-    fn set_extended(&mut self, l: usize, factors: &Factors) {
+    fn set_extended(&mut self, l: usize, factors: &MaterialFactors) {
         // Set the parameters that have one value per lane
         let is_specular = factors.is_phong || self.effects.has(Effect::Specular);
         let same_side_diffuse = self.same_side_fraction(factors);
@@ -311,7 +309,7 @@ impl MaterialPacket {
 
     /// Returns the fraction of the diffuse light that leaves where it arrived and on that side.
     #[inline(always)]
-    fn same_side_fraction(&self, factors: &Factors) -> f32 {
+    fn same_side_fraction(&self, factors: &MaterialFactors) -> f32 {
         if self.effects.has(Effect::Subsurface) && factors.material.scatters().is_some() {
             0.0
         } else if self.effects.has(Effect::Translucency) {
@@ -322,8 +320,9 @@ impl MaterialPacket {
     }
 }
 
-/// Factors of a material in one form for both shading models.
-struct Factors<'m> {
+/// Factors of a material in one form for both shading models, computed once for all hits.
+#[derive(Debug)]
+pub struct MaterialFactors<'m> {
     material: &'m Material,
     model: MetallicRoughness,
     phong: Phong,
@@ -343,8 +342,9 @@ const UNLIT_PHONG: Phong = Phong {
     ..Phong::DEFAULT
 };
 
-impl<'m> Factors<'m> {
-    fn of(material: &'m Material) -> Factors<'m> {
+impl<'m> MaterialFactors<'m> {
+    /// Computes the factors of a material.
+    pub fn of(material: &'m Material) -> MaterialFactors<'m> {
         // Fill in the model that the material does not use with neutral values
         let (model, phong, is_phong) = match material.model {
             Model::MetallicRoughness(model) => (model, UNLIT_PHONG, false),
@@ -353,7 +353,7 @@ impl<'m> Factors<'m> {
         };
         // Split the diffuse light between the two sides of a thin surface
         let diffuse_transmission = material.translucent().map(Translucency::diffuse_transmission);
-        Factors {
+        MaterialFactors {
             material,
             model,
             phong,

@@ -8,6 +8,7 @@
 //! added to the planes.
 
 use super::piece::CellBounds;
+use crate::mesh::simd::div;
 
 /// Relative error of a slab parameter: 4u by the triangle test; 4u by a difference, a reciprocal, a product and this
 /// factor itself. Doubled, for the effect of one rounding on another.
@@ -71,7 +72,6 @@ impl Line {
     /// Computes [`Line::enter`] and [`Line::leave`] of `N` rays, by axis.
     #[inline(always)]
     pub(in crate::accel) fn reciprocals<const N: usize>(direction: &[[f32; N]; 3]) -> [[[f32; N]; 3]; 2] {
-        let [mut enter, mut leave] = [[[0.0; N]; 3]; 2];
         // Scale the threshold by the largest component
         let mut least = [0.0f32; N];
         for row in direction {
@@ -80,20 +80,14 @@ impl Line {
                 least[i] = if part > least[i] { part } else { least[i] };
             }
         }
-        // Treat negligible components as zero, with an infinite reciprocal
-        for axis in 0..3 {
-            for i in 0..N {
-                let d = direction[axis][i];
-                let reciprocal = if d.abs() <= least[i] {
-                    f32::INFINITY.copysign(d)
-                } else {
-                    1.0 / d
-                };
-                enter[axis][i] = reciprocal * (1.0 - PARAMETER_ERROR);
-                leave[axis][i] = reciprocal * (1.0 + PARAMETER_ERROR);
-            }
-        }
-        [enter, leave]
+        // No loop over the axes, which would be vectorised in place of that over the rays
+        let [x, y, z] = direction;
+        let (x, y, z) = (
+            reciprocal(x, &least),
+            reciprocal(y, &least),
+            reciprocal(z, &least),
+        );
+        [[x[0], y[0], z[0]], [x[1], y[1], z[1]]]
     }
 
     /// Returns whether the coordinate grows along the line; a zero component counts by its sign.
@@ -124,6 +118,25 @@ impl Line {
             [f32::NEG_INFINITY, or(distance * self.leave[axis], f32::INFINITY)]
         }
     }
+}
+
+/// Returns the reciprocals of the components of `N` directions along one axis, for entry and exit. Components up to `least`
+/// count as zero, with an infinite reciprocal.
+#[inline(always)]
+fn reciprocal<const N: usize>(components: &[f32; N], least: &[f32; N]) -> [[f32; N]; 2] {
+    let quotients = div(&[1.0; N], components);
+    let [mut enter, mut leave] = [[0.0; N]; 2];
+    for i in 0..N {
+        let infinite = f32::INFINITY.copysign(components[i]);
+        let reciprocal = if components[i].abs() <= least[i] {
+            infinite
+        } else {
+            quotients[i]
+        };
+        enter[i] = reciprocal * (1.0 - PARAMETER_ERROR);
+        leave[i] = reciprocal * (1.0 + PARAMETER_ERROR);
+    }
+    [enter, leave]
 }
 
 #[cfg(test)]

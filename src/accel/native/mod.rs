@@ -10,6 +10,7 @@ mod group;
 mod layout;
 mod packet;
 mod single;
+mod small_tree;
 #[cfg(test)]
 pub(super) mod testing;
 mod triangle_run;
@@ -27,12 +28,15 @@ use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch};
 use crate::numeric::Lanes;
 use crate::scene::{Geometry, Scene};
 use layout::GroupTree;
+use small_tree::SmallTree;
 use triangle_run::TriangleRun;
 
 /// The structures of a scene.
 pub struct NativeAccel<'s> {
     /// Tree of the triangles of all baked meshes.
     triangles: GroupTree,
+    /// Leaves of the tree if it is small.
+    small: Option<SmallTree>,
     /// Instances of the triangles, in the order of their numbers.
     runs: Vec<TriangleRun<'s>>,
     others: Others<'s>,
@@ -80,8 +84,11 @@ impl<'s> NativeAccel<'s> {
         if let Some(progress) = options.progress {
             progress(1.0);
         }
+        let small = SmallTree::of(&triangles);
+        let tree_bytes = triangles.byte_count() + small.as_ref().map_or(0, SmallTree::byte_count);
         Ok(NativeAccel {
-            report: report(&triangles, count, &others),
+            report: report(tree_bytes as u64, count, &others),
+            small,
             triangles,
             runs,
             others,
@@ -107,10 +114,9 @@ impl<'s> NativeAccel<'s> {
     /// Traces rays of any origins and directions through the tree.
     fn trace_triangles(&self, packets: &mut [RayPacket], query: Query) {
         let tree = &self.triangles;
-        if self.kernel == Kernel::Packet && packet::is_small(tree) {
-            packet::trace(tree, packets, query);
-        } else {
-            single::trace(tree, packets, query);
+        match &self.small {
+            Some(small) if self.kernel == Kernel::Packet => packet::trace(tree, small, packets, query),
+            _ => single::trace(tree, packets, query),
         }
     }
 
@@ -316,9 +322,8 @@ impl FoundHits {
 }
 
 /// Describes the structures and their memory.
-fn report(triangles: &GroupTree, count: usize, others: &Others) -> AccelReport {
+fn report(tree_bytes: u64, count: usize, others: &Others) -> AccelReport {
     // Start with the report of the other structures
-    let tree_bytes = triangles.byte_count() as u64;
     let (mut report, beside) = match others {
         Others::Planes(planes) => (AccelReport::default(), format!("{} planes", planes.count())),
         Others::Objects(bsp) => (bsp.report(), bsp.report().summary),

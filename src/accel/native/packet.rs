@@ -7,67 +7,69 @@
 use crate::accel::bsp::error_bounds::Line;
 use crate::accel::{Hit, LANES, Query, RayPacket};
 use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch_sixteen, lanes};
-use crate::mesh::triangle::{HitLanes, OwnAxes, PACK, ShearLanes, may_contain_origin};
+use crate::mesh::triangle::{
+    AxisOrders, HitLanes, OwnAxes, PACK, ShearLanes, ShearedVertex, may_contain_origin,
+};
 use crate::numeric::{Lanes, Lanes3};
 
-use super::layout::{ChildLink, GroupTree, LeafBlock, NO_NUMBER, NativeNode, STACK, WIDTH};
-use super::single::{SingleStack, trace_lane};
+use super::layout::{ChildLink, GroupTree, NO_NUMBER, NativeNode, STACK, WIDTH};
+use super::single;
+use super::small_tree::{IndexedBlock, MAX_VERTICES, SmallTree};
 
-/// Greatest number of leaves of a tree that packets traverse. Through trees of 20 to 80 triangles they take 0.6 to 0.8 of the
-/// time of single rays, from 160 triangles on as long (`cargo bench --bench timing -- small_trees`).
-const MAX_BLOCKS: usize = 16;
 /// Least number of active lanes of a packet whose rays are traced together: of sixteen rays through 40 triangles packets take
-/// 0.8 of the time of single rays, of eight 1.3 of it.
-const MIN_LANES: u32 = 12;
+/// 0.6 of the time of single rays, of eight 0.9 (`cargo bench --bench timing -- small_trees`).
+const MIN_LANES: u32 = 8;
 
-/// Returns whether packets of rays in any directions traverse the tree.
-pub(super) fn is_small(tree: &GroupTree) -> bool {
-    tree.blocks.len() <= MAX_BLOCKS
-}
-
-/// Finds the hits of every active lane for a query, packet by packet.
-pub(super) fn trace(tree: &GroupTree, packets: &mut [RayPacket], query: Query) {
-    dispatch_sixteen(SmallTreePackets { tree, packets, query });
+/// Finds the hits of every active lane for a query: packet by packet, those of few rays one by one.
+pub(super) fn trace(tree: &GroupTree, small: &SmallTree, packets: &mut [RayPacket], query: Query) {
+    let sparse = dispatch_sixteen(SmallTreePackets {
+        tree,
+        small,
+        packets,
+        query,
+    });
+    if sparse > 0 {
+        single::trace_sparse(tree, packets, query, sparse);
+    }
 }
 
 /// Packets that traverse a small tree.
 struct SmallTreePackets<'a> {
     tree: &'a GroupTree,
+    small: &'a SmallTree,
     packets: &'a mut [RayPacket],
     query: Query,
 }
 
 impl SimdKernel for SmallTreePackets<'_> {
-    type Output = ();
+    /// Number of active lanes below which packets are left to be traced; 0 if there are none.
+    type Output = u32;
 
     #[inline(always)]
-    fn run<I: SimdLevel>(self, isa: I) {
+    fn run<I: SimdLevel>(self, isa: I) -> u32 {
         // With registers of eight lanes packets take as long as single rays
-        let min_lanes = if I::HAS_SIXTEEN { MIN_LANES } else { u32::MAX };
-        let mut stack = [WaitingChild::NONE; STACK];
-        let mut single_stack = SingleStack::new();
+        if !I::HAS_SIXTEEN {
+            return u32::MAX;
+        }
+        let mut memory = TraversalMemory::new();
+        let mut sparse = 0;
         for packet in self.packets {
             packet.drop_untraceable();
-            let mut active = 0;
-            for lane in 0..LANES {
-                active |= u32::from(packet.active[lane] != 0) << lane;
+            let active = packet.active_mask();
+            if active.count_ones() >= MIN_LANES {
+                trace_together(
+                    isa,
+                    (self.tree, self.small),
+                    packet,
+                    active,
+                    self.query,
+                    &mut memory,
+                );
+            } else {
+                sparse = MIN_LANES;
             }
-            // Trace few rays one by one
-            if active.count_ones() < min_lanes {
-                for lane in lanes(active) {
-                    trace_lane(
-                        isa,
-                        self.tree,
-                        packet,
-                        lane % LANES,
-                        self.query,
-                        &mut single_stack,
-                    );
-                }
-                continue;
-            }
-            trace_together(isa, self.tree, packet, active, self.query, &mut stack);
         }
+        sparse
     }
 }
 
@@ -75,14 +77,14 @@ impl SimdKernel for SmallTreePackets<'_> {
 #[inline(always)]
 fn trace_together(
     isa: impl SimdLevel,
-    tree: &GroupTree,
+    tree: (&GroupTree, &SmallTree),
     packet: &mut RayPacket,
     active: u32,
     query: Query,
-    stack: &mut [WaitingChild; STACK],
+    memory: &mut TraversalMemory,
 ) {
     let mut rays = PacketRays::new(isa, packet, active);
-    rays.traverse(isa, tree, query, stack);
+    rays.traverse(isa, tree, query, memory);
     rays.write(packet, query);
 }
 
@@ -101,16 +103,33 @@ impl WaitingChild {
     };
 }
 
+/// Working memory of a traversal.
+struct TraversalMemory {
+    stack: [WaitingChild; STACK],
+    /// Vertices of a leaf in the frames of the rays.
+    vertices: [ShearedVertex<LANES>; MAX_VERTICES],
+}
+
+impl TraversalMemory {
+    #[inline(always)]
+    fn new() -> TraversalMemory {
+        TraversalMemory {
+            stack: [WaitingChild::NONE; STACK],
+            vertices: [ShearedVertex::ZERO; MAX_VERTICES],
+        }
+    }
+}
+
 /// Rays of a packet with precomputed data, and their nearest hits.
+#[repr(C, align(64))]
 struct PacketRays {
     origin: Lanes3<f32>,
     /// Reciprocal directions of entry and exit, as in [`Line`].
     enter: Lanes3<f32>,
     leave: Lanes3<f32>,
     shears: ShearLanes<LANES, OwnAxes<LANES>>,
+    axes: AxisOrders<LANES>,
     t_near: Lanes<f32>,
-    /// Mask of the rays that are still traced.
-    active: u32,
     /// Parameters of the nearest hits, or of the rays' ends.
     t: Lanes<f32>,
     /// Barycentric weights of the hits times their determinants.
@@ -118,6 +137,8 @@ struct PacketRays {
     det: Lanes<f32>,
     /// Numbers of the triangles hit; [`NO_NUMBER`] for none.
     numbers: Lanes<u32>,
+    /// Mask of the rays that are still traced.
+    active: u32,
 }
 
 impl PacketRays {
@@ -137,6 +158,7 @@ impl PacketRays {
             origin: packet.origin,
             enter,
             leave,
+            axes: AxisOrders::of(&shears.axes),
             shears,
             t_near: packet.t_near,
             active,
@@ -152,13 +174,10 @@ impl PacketRays {
     fn traverse(
         &mut self,
         isa: impl SimdLevel,
-        tree: &GroupTree,
+        (tree, small): (&GroupTree, &SmallTree),
         query: Query,
-        stack: &mut [WaitingChild; STACK],
+        TraversalMemory { stack, vertices }: &mut TraversalMemory,
     ) {
-        if tree.root == ChildLink::EMPTY {
-            return;
-        }
         // Start at the root
         stack[0] = WaitingChild {
             child: tree.root,
@@ -175,7 +194,7 @@ impl PacketRays {
             }
             // Intersect the triangles of a leaf, or the boxes of a node
             if child.is_leaf() {
-                self.intersect_block(isa, &tree.blocks[child.index()], rays, query);
+                self.intersect_block(isa, (small.block(child), vertices), rays, query);
             } else {
                 let node = &tree.nodes[child.index()];
                 for slot in 0..WIDTH {
@@ -214,29 +233,44 @@ impl PacketRays {
 
     /// Intersects the triangles of a leaf with the rays of the mask `rays`.
     #[inline(always)]
-    fn intersect_block(&mut self, isa: impl SimdLevel, block: &LeafBlock, rays: u32, query: Query) {
-        for slot in 0..PACK {
-            let number = block.numbers[slot];
-            if number == NO_NUMBER {
-                continue;
-            }
-            // Find the rays whose line may intersect the triangle
-            let corners = block.triangles.triangle(slot);
-            let [a, b, c] = corners;
-            let [a, b, c] = [
-                self.shears.flatten(a),
-                self.shears.flatten(b),
-                self.shears.flatten(c),
+    fn intersect_block(
+        &mut self,
+        isa: impl SimdLevel,
+        (block, sheared): (&IndexedBlock, &mut [ShearedVertex<LANES>; MAX_VERTICES]),
+        rays: u32,
+        query: Query,
+    ) {
+        // Transform each vertex once for all triangles that share it
+        for (vertex, sheared) in block.vertices().iter().zip(sheared.iter_mut()) {
+            *sheared = self.shears.sheared_along(&self.axes.along(isa, vertex));
+        }
+        // Find the rays whose lines may intersect the triangles
+        let (mut masks, mut members) = ([0; PACK], 0);
+        for (slot, [a, b, c]) in block.triangles().enumerate() {
+            let corners = [
+                &sheared[a].projected,
+                &sheared[b].projected,
+                &sheared[c].projected,
             ];
-            let maybe = may_contain_origin(isa, [&a, &b, &c]) & rays & self.active;
-            if maybe == 0 {
+            masks[slot] = may_contain_origin(isa, corners) & rays;
+            members |= u32::from(masks[slot] != 0) << slot;
+        }
+        // Intersect the remaining triangles
+        for slot in lanes(members) {
+            let slot = slot % PACK;
+            let (corners, number) = (block.triangle(slot), block.numbers[slot]);
+            let [a, b, c] = corners;
+            let vertices = [&sheared[a], &sheared[b], &sheared[c]];
+            let active = masks[slot] & self.active;
+            let active = self.shears.starting_before(isa, vertices, active, &self.t_near);
+            if active == 0 {
                 continue;
             }
-            // Intersect it
+            let corners = [block.vertex(a), block.vertex(b), block.vertex(c)];
             let interval = [&self.t_near, &self.t];
             let hits = self
                 .shears
-                .intersect_projected(isa, [&a, &b, &c], corners, maybe, interval);
+                .intersect_sheared(isa, vertices, corners, active, interval);
             // Keep the nearest hits, or retire the rays that are blocked
             match query {
                 Query::Nearest => self.keep_nearest(&hits, number),
@@ -294,13 +328,12 @@ impl PacketRays {
 mod tests {
     use super::*;
     use crate::accel::native::build::build_tree;
-    use crate::accel::native::single;
     use crate::accel::native::testing::random_packets;
     use crate::mesh::bumpy_sphere;
     use crate::mesh::simd::{Scalar, dispatch};
 
     /// Kernel that traces all packets as such, whatever the instruction set and their numbers of rays.
-    struct Together<'a>(&'a GroupTree, Vec<RayPacket>, Query);
+    struct Together<'a>((&'a GroupTree, &'a SmallTree), Vec<RayPacket>, Query);
 
     impl SimdKernel for Together<'_> {
         type Output = Vec<RayPacket>;
@@ -308,11 +341,10 @@ mod tests {
         #[inline(always)]
         fn run<I: SimdLevel>(self, isa: I) -> Vec<RayPacket> {
             let Together(tree, mut packets, query) = self;
-            let mut stack = [WaitingChild::NONE; STACK];
+            let mut memory = TraversalMemory::new();
             for packet in &mut packets {
-                let bits = (0..LANES).map(|lane| u32::from(packet.is_active(lane)) << lane);
-                let active = bits.sum();
-                trace_together(isa, tree, packet, active, query, &mut stack);
+                let active = packet.active_mask();
+                trace_together(isa, tree, packet, active, query, &mut memory);
             }
             packets
         }
@@ -321,7 +353,7 @@ mod tests {
     #[test]
     fn packets_have_the_hits_of_single_rays() {
         let tree = build_tree(&[&bumpy_sphere(80)]).unwrap();
-        assert!(is_small(&tree));
+        let small = SmallTree::of(&tree).unwrap();
         let rays = random_packets(2000, 7);
         // Trace rays one by one
         let (mut single, mut single_blocked) = (rays.clone(), rays.clone());
@@ -329,9 +361,9 @@ mod tests {
         single::trace(&tree, &mut single_blocked, Query::Any);
         // Trace them in packets, with all instruction sets and with that of this machine
         let mut chosen = [rays.clone(), rays.clone()];
-        trace(&tree, &mut chosen[0], Query::Nearest);
-        trace(&tree, &mut chosen[1], Query::Any);
-        let together = |query| Together(&tree, rays.clone(), query);
+        trace(&tree, &small, &mut chosen[0], Query::Nearest);
+        trace(&tree, &small, &mut chosen[1], Query::Any);
+        let together = |query| Together((&tree, &small), rays.clone(), query);
         for [found, blocked] in [
             [Query::Nearest, Query::Any].map(|query| together(query).run(Scalar)),
             [Query::Nearest, Query::Any].map(|query| dispatch(together(query))),

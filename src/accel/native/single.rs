@@ -12,7 +12,17 @@ use super::layout::{ChildLink, GroupTree, STACK, WIDTH};
 
 /// Finds the hits of every active lane for a query, one ray at a time.
 pub(super) fn trace(tree: &GroupTree, packets: &mut [RayPacket], query: Query) {
-    dispatch(SingleRays { tree, packets, query });
+    trace_sparse(tree, packets, query, u32::MAX);
+}
+
+/// Finds the hits of the active lanes of those packets that have fewer than `limit`, one ray at a time.
+pub(super) fn trace_sparse(tree: &GroupTree, packets: &mut [RayPacket], query: Query, limit: u32) {
+    dispatch(SingleRays {
+        tree,
+        packets,
+        query,
+        limit,
+    });
 }
 
 /// Packets whose rays are traced one after the other.
@@ -20,6 +30,8 @@ struct SingleRays<'a> {
     tree: &'a GroupTree,
     packets: &'a mut [RayPacket],
     query: Query,
+    /// Number of active lanes from which on packets are left out.
+    limit: u32,
 }
 
 impl SimdKernel for SingleRays<'_> {
@@ -30,9 +42,10 @@ impl SimdKernel for SingleRays<'_> {
         let mut stack = SingleStack::new();
         for packet in self.packets {
             packet.drop_untraceable();
-            for lane in 0..LANES {
-                if packet.is_active(lane) {
-                    trace_lane(isa, self.tree, packet, lane, self.query, &mut stack);
+            let active = packet.active_mask();
+            if active.count_ones() < self.limit {
+                for lane in lanes(active) {
+                    trace_lane(isa, self.tree, packet, lane % LANES, self.query, &mut stack);
                 }
             }
         }

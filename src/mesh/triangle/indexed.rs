@@ -11,6 +11,30 @@ use crate::mesh::simd::{SimdLevel, add, div, lanes, max, min, mul, sub};
 /// Projected vertices in SIMD lanes: x and y in the sheared frame, where the ray is the origin.
 pub(crate) type ProjectedVertices<const N: usize> = [[f32; N]; 2];
 
+/// Vertex in the sheared frame of each of `N` rays.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub(crate) struct ShearedVertex<const N: usize> {
+    pub(crate) projected: ProjectedVertices<N>,
+    /// Coordinate along the dominant axis from the origin of the ray.
+    depth: [f32; N],
+}
+
+impl<const N: usize> ShearedVertex<N> {
+    /// Vertex at the origins.
+    pub(crate) const ZERO: ShearedVertex<N> = ShearedVertex {
+        projected: [[0.0; N]; 2],
+        depth: [0.0; N],
+    };
+
+    /// Returns the coordinates in the frames of the rays.
+    #[inline(always)]
+    fn rows(&self) -> [&[f32; N]; 3] {
+        let [x, y] = &self.projected;
+        [x, y, &self.depth]
+    }
+}
+
 /// Returns a mask whose bit `i` says that the `i`-th of `N` triangles may contain the origin. It is clear only if two
 /// edge functions have opposite signs, so that [`Shear::intersect`] misses for every interval.
 #[inline(always)]
@@ -65,28 +89,65 @@ pub(crate) struct HitLanes<const N: usize> {
 }
 
 impl<const N: usize, A: LaneAxes<N>> ShearLanes<N, A> {
-    /// Projects one point for each ray.
+    /// Transforms one point to the frame of each ray.
+    #[cfg(any(test, feature = "embree"))]
     #[inline(always)]
-    pub(crate) fn flatten(&self, point: [f32; 3]) -> ProjectedVertices<N> {
+    pub(crate) fn sheared(&self, point: [f32; 3]) -> ShearedVertex<N> {
+        self.sheared_along(&self.axes.along(point))
+    }
+
+    /// Transforms points, given by their coordinates in the order of the axes of each ray, to the frames of the rays.
+    #[inline(always)]
+    pub(crate) fn sheared_along(&self, coordinates: &[[f32; N]; 3]) -> ShearedVertex<N> {
         let [sx, sy, _] = self.shear;
-        let [x, y, _] = project(self.axes.along(point).each_ref(), &self.origin, &[sx, sy]);
-        [x, y]
+        let [x, y, depth] = project(coordinates.each_ref(), &self.origin, &[sx, sy]);
+        ShearedVertex {
+            projected: [x, y],
+            depth,
+        }
+    }
+
+    /// Returns the rays of the mask `active` that do not start beyond all vertices of a triangle, for which they
+    /// [may contain](may_contain_origin) it. The others miss it.
+    #[inline(always)]
+    pub(crate) fn starting_before(
+        &self,
+        isa: impl SimdLevel,
+        vertices: [&ShearedVertex<N>; 3],
+        active: u32,
+        t_near: &[f32; N],
+    ) -> u32 {
+        let [a, b, c] = self.parameters(vertices);
+        let (mut last, mut start) = ([0.0; N], [0.0; N]);
+        for i in 0..N {
+            last[i] = max(max(a[i], b[i]), c[i]);
+            // Weights have one sign, so no rounding brings a hit from below 0 over it, or to half its distance from 0
+            start[i] = 2.0 * min(t_near[i], 0.0);
+        }
+        active & !isa.lt(&last, &start)
+    }
+
+    /// Returns the parameters of the vertices of a triangle.
+    #[inline(always)]
+    fn parameters(&self, [a, b, c]: [&ShearedVertex<N>; 3]) -> [[f32; N]; 3] {
+        let scale = &self.shear[2];
+        [mul(scale, &a.depth), mul(scale, &b.depth), mul(scale, &c.depth)]
     }
 
     /// Intersects a triangle with the rays of the mask `active`, all of which [may contain](may_contain_origin) it,
-    /// each with the result of [`Shear::intersect`]. `projected` are its vertices as projected by [`ShearLanes::flatten`] from
+    /// each with the result of [`Shear::intersect`]. `sheared` are its vertices as transformed by [`ShearLanes::sheared`] from
     /// `corners`; the interval is given by the smallest and largest parameters.
     #[inline(always)]
-    pub(crate) fn intersect_projected(
+    pub(crate) fn intersect_sheared(
         &self,
         isa: impl SimdLevel,
-        projected: [&ProjectedVertices<N>; 3],
+        [a, b, c]: [&ShearedVertex<N>; 3],
         corners: [[f32; 3]; 3],
         active: u32,
         [t_near, t_far]: [&[f32; N]; 2],
     ) -> HitLanes<N> {
         // Compute the edge functions and their signs
-        let [u, v, w] = edges(projected);
+        let [u, v, w] = edges([&a.projected, &b.projected, &c.projected]);
         let zero = [0.0; N];
         let [mut min_edge, mut max_edge, mut min_magnitude] = [zero; 3];
         for i in 0..N {
@@ -97,17 +158,8 @@ impl<const N: usize, A: LaneAxes<N>> ShearLanes<N, A> {
         let inside = isa.lt(&zero, &min_edge) | isa.lt(&max_edge, &zero);
         let on_edge = isa.eq(&min_magnitude, &zero) & active;
         // Compute the parameters from the depths
-        let [a, b, c] = corners;
-        let za = sub(&self.axes.along(a)[2], &self.origin[2]);
-        let zb = sub(&self.axes.along(b)[2], &self.origin[2]);
-        let zc = sub(&self.axes.along(c)[2], &self.origin[2]);
         let scale = &self.shear[2];
-        let rows = [
-            [&projected[0][0], &projected[0][1], &za],
-            [&projected[1][0], &projected[1][1], &zb],
-            [&projected[2][0], &projected[2][1], &zc],
-        ];
-        let [ta, tb, tc] = [mul(scale, &za), mul(scale, &zb), mul(scale, &zc)];
+        let [ta, tb, tc] = self.parameters([a, b, c]);
         let det = add(&add(&u, &v), &w);
         let t = div(&add(&add(&mul(&u, &ta), &mul(&v, &tb)), &mul(&w, &tc)), &det);
         // Compare the parameters with the interval
@@ -116,7 +168,7 @@ impl<const N: usize, A: LaneAxes<N>> ShearLanes<N, A> {
         // Decide rays through an edge or a vertex, and hits that may be behind the start, one by one
         let uncertain = match mask {
             0 => 0,
-            _ => mask & may_be_behind(isa, rows, scale, &det, [t_near, &t]),
+            _ => mask & may_be_behind(isa, [a, b, c].map(ShearedVertex::rows), scale, &det, [t_near, &t]),
         };
         let mut hit_lanes = HitLanes {
             mask: mask & !uncertain,
@@ -226,12 +278,14 @@ mod tests {
         corners: [[f32; 3]; 3],
     ) -> [Option<TriangleHit>; 8] {
         // Project the vertices once
-        let projected = corners.map(|corner| shears.flatten(corner));
-        let [a, b, c] = &projected;
+        let vertices = corners.map(|corner| shears.sheared(corner));
+        let [a, b, c] = &vertices;
         // Test the triangle
-        let active = may_contain_origin(isa, [a, b, c]);
+        let active = may_contain_origin(isa, [&a.projected, &b.projected, &c.projected]);
         let interval = [&rays.map(|r| r.t_near), &rays.map(|r| r.t_far)];
-        let hit_lanes = shears.intersect_projected(isa, [a, b, c], corners, active, interval);
+        let kept = shears.starting_before(isa, [a, b, c], active, interval[0]);
+        let hit_lanes = shears.intersect_sheared(isa, [a, b, c], corners, active, interval);
+        assert_eq!(hit_lanes.mask & !kept, 0);
         // Divide the weights by the determinant
         std::array::from_fn(|lane| {
             (hit_lanes.mask >> lane & 1 != 0).then(|| TriangleHit {

@@ -88,10 +88,41 @@ impl<const N: usize> LaneAxes<N> for OwnAxes<N> {
     }
 }
 
+/// Axes of rays in the order that puts the dominant one of each last, for points that are in memory.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct AxisOrders<const N: usize>([[u32; N]; 3]);
+
+impl<const N: usize> AxisOrders<N> {
+    /// Returns the orders of [`axes_around`].
+    #[inline(always)]
+    pub(crate) fn of(axes: &OwnAxes<N>) -> AxisOrders<N> {
+        let mut orders = [[0; N]; 3];
+        for (row, [x, y, z]) in orders.iter_mut().zip([[1, 2, 0], [2, 0, 1], [0, 1, 2]]) {
+            for lane in 0..N {
+                let axis = if axes.is_y[lane] < 0 { y } else { z };
+                row[lane] = if axes.is_x[lane] < 0 { x } else { axis };
+            }
+        }
+        AxisOrders(orders)
+    }
+
+    /// Returns the coordinates of a point, whose fourth value has no meaning, in the order of the axes of each ray: the
+    /// result of [`LaneAxes::along`].
+    #[inline(always)]
+    pub(crate) fn along(&self, isa: impl SimdLevel, point: &[f32; 4]) -> [[f32; N]; 3] {
+        let [x, y, z] = &self.0;
+        [
+            isa.select_of_four(point, x),
+            isa.select_of_four(point, y),
+            isa.select_of_four(point, z),
+        ]
+    }
+}
+
 /// Ray set-up of `N` rays.
 #[derive(Clone, Copy, Debug)]
 pub struct ShearLanes<const N: usize, A = CommonAxes> {
-    pub(super) axes: A,
+    pub(crate) axes: A,
     pub(super) origin: [[f32; N]; 3],
     pub(super) shear: [[f32; N]; 3],
 }
@@ -220,5 +251,49 @@ impl<const N: usize, A: LaneAxes<N>> ShearLanes<N, A> {
             test.resolve_in_f64(lane, hit);
         }
         test.hits
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::simd::{SimdKernel, dispatch, dispatch_sixteen};
+
+    /// Kernel that returns a point along the axes of sixteen directions by selections, and by permuting axes.
+    struct Along([[f32; 16]; 3], [f32; 3]);
+
+    impl SimdKernel for Along {
+        type Output = [[[f32; 16]; 3]; 2];
+
+        #[inline(always)]
+        fn run<I: SimdLevel>(self, isa: I) -> [[[f32; 16]; 3]; 2] {
+            let Along(directions, [x, y, z]) = self;
+            let axes = OwnAxes::new(dominant_axes(isa, &directions));
+            let orders = AxisOrders::of(&axes);
+            [orders.along(isa, &[x, y, z, 9.0]), axes.along([x, y, z])]
+        }
+    }
+
+    #[test]
+    fn orders_of_axes_permute_as_the_axes_do() {
+        // Every third direction has the same dominant axis
+        let directions = [0, 1, 2].map(|axis| {
+            std::array::from_fn(|lane| {
+                if lane % 3 == axis {
+                    -2.0
+                } else {
+                    1.0 + 0.01 * lane as f32
+                }
+            })
+        });
+        let along = || Along(directions, [3.0, 4.0, 5.0]);
+        for [found, expected] in [
+            along().run(crate::mesh::simd::Scalar),
+            dispatch(along()),
+            dispatch_sixteen(along()),
+        ] {
+            assert_eq!(found, expected);
+            assert_eq!([found[2][0], found[2][1], found[2][2]], [3.0, 4.0, 5.0]);
+        }
     }
 }

@@ -16,7 +16,7 @@ const ROUNDS: usize = 5;
 
 /// Compares packets with single rays by the number of triangles, then by the number of lanes.
 pub(crate) fn run(_: &mut Limits) {
-    for triangles in [20, 40, 80, 160, 320] {
+    for triangles in [20, 40, 80, 160, 320, 480] {
         let ratio = ratio(triangles, &unit_cube::random_rays());
         println!("{triangles} triangles: packets take {ratio:.2} of the time of single rays");
     }

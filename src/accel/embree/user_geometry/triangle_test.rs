@@ -12,7 +12,8 @@ use crate::accel::embree::query::ray_packet::{CallbackPacket, active_lanes, row}
 use crate::accel::{ACTIVE, Hit, NO_HIT, Query};
 use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch_sixteen, div, lanes};
 use crate::mesh::triangle::{
-    HitLanes, LaneAxes, PACK, ProjectedVertices, Shear, ShearLanes, dominant_axes, may_contain_origin,
+    HitLanes, LaneAxes, PACK, ProjectedVertices, Shear, ShearLanes, ShearedVertex, dominant_axes,
+    may_contain_origin,
 };
 use crate::numeric::Ray;
 
@@ -111,18 +112,19 @@ impl<const W: usize> ClusterKernel<'_, W> {
     ) {
         let cluster = self.cluster;
         // Project each vertex of the cluster once for all rays
-        let mut projected = [const { MaybeUninit::<ProjectedVertices<W>>::uninit() }; CORNERS];
+        let mut projected = [const { MaybeUninit::<ShearedVertex<W>>::uninit() }; CORNERS];
         for (index, slot) in projected.iter_mut().enumerate().take(cluster.corner_count()) {
-            slot.write(shears.flatten(cluster.corner(index)));
+            slot.write(shears.sheared(cluster.corner(index)));
         }
-        let first = projected.as_ptr().cast::<ProjectedVertices<W>>();
+        let first = projected.as_ptr().cast::<ShearedVertex<W>>();
         // SAFETY: a triangle's vertex indices are below `corner_count`, and that many elements were written.
         let flat = |corner: usize| unsafe { &*first.wrapping_add(corner) };
         // Find the triangles whose projection may contain the origin for some ray
         let (mut masks, mut members) = ([0u32; MEMBERS], 0u32);
         for member in 0..cluster.member_count() {
             let [a, b, c] = cluster.triangle(member);
-            let maybe = may_contain_origin(isa, [flat(a), flat(b), flat(c)]) & tested;
+            let maybe = may_contain_origin(isa, [&flat(a).projected, &flat(b).projected, &flat(c).projected])
+                & tested;
             masks[member] = maybe;
             members |= u32::from(maybe != 0) << member;
         }
@@ -134,12 +136,16 @@ impl<const W: usize> ClusterKernel<'_, W> {
         let t_near: [f32; W] = self.packet.floats(row::T_NEAR);
         let mut active = tested;
         for member in lanes(members) {
-            let maybe = masks[member] & active;
             let [a, b, c] = cluster.triangle(member);
+            let maybe = masks[member] & active;
+            let maybe = shears.starting_before(isa, [flat(a), flat(b), flat(c)], maybe, &t_near);
+            if maybe == 0 {
+                continue;
+            }
             let corners = [cluster.corner(a), cluster.corner(b), cluster.corner(c)];
             let projected = [flat(a), flat(b), flat(c)];
             let interval = [&t_near, &found.t];
-            let new_hits = shears.intersect_projected(isa, projected, corners, maybe, interval);
+            let new_hits = shears.intersect_sheared(isa, projected, corners, maybe, interval);
             match self.query_kind {
                 Query::Nearest => found.merge(isa, &new_hits, cluster, member),
                 Query::Any => {

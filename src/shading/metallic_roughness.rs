@@ -182,8 +182,6 @@ impl MaterialPacket {
     /// Implements [`MaterialPacket::ambient`]; `EXTENDED` must be true if the effects are rich.
     #[inline(always)]
     fn ambient_of<const EXTENDED: bool, const SPECIAL: bool>(&self, ambient: [f32; 3]) -> Lanes3<f32> {
-        let extended = &self.extended;
-        let conserves_energy = self.effects.has(Effect::EnergyConservation);
         let mut rough = [0.0; LANES];
         // Mask lanes whose specular reflection is gathered by rays
         for l in 0..LANES {
@@ -193,30 +191,46 @@ impl MaterialPacket {
                 1.0
             };
         }
-        // Add the ambient light by diffuse and specular albedo
+        // Add the ambient light by diffuse and specular albedo. No loop over the channels, which would be vectorised in
+        // place of that over the lanes
         let mut radiance = self.emission;
-        for channel in 0..3 {
-            for l in 0..LANES {
-                let mut diffuse = self.c_diff::<EXTENDED>(channel, l);
-                if EXTENDED {
-                    diffuse += self.transmission_albedo(channel, l);
-                }
-                // The diffuse part loses what the lobe takes, by the ambient term or by rays
-                let mut albedo = if conserves_energy {
-                    let specular = self.specular_albedo::<EXTENDED, SPECIAL>(channel, l);
-                    diffuse * (1.0 - specular) + specular * rough[l]
-                } else {
-                    diffuse + self.f0::<EXTENDED>(channel, l) * rough[l]
-                };
-                if EXTENDED {
-                    let phong = extended.ambient[channel][l] * self.base_color[channel][l];
-                    albedo = if extended.is_phong[l] { phong } else { albedo };
-                    albedo *= extended.occlusion[l];
-                }
-                radiance[channel][l] += ambient[channel] * albedo;
-            }
-        }
+        let [r, g, b] = &mut radiance;
+        self.add_ambient::<EXTENDED, SPECIAL>(0, ambient[0], &rough, r);
+        self.add_ambient::<EXTENDED, SPECIAL>(1, ambient[1], &rough, g);
+        self.add_ambient::<EXTENDED, SPECIAL>(2, ambient[2], &rough, b);
         radiance
+    }
+
+    /// Adds the reflected ambient radiance of one channel: by the diffuse albedo, and by that of lobes where `rough` is 1.
+    #[inline(always)]
+    fn add_ambient<const EXTENDED: bool, const SPECIAL: bool>(
+        &self,
+        channel: usize,
+        ambient: f32,
+        rough: &Lanes<f32>,
+        radiance: &mut Lanes<f32>,
+    ) {
+        let extended = &self.extended;
+        let conserves_energy = self.effects.has(Effect::EnergyConservation);
+        for l in 0..LANES {
+            let mut diffuse = self.c_diff::<EXTENDED>(channel, l);
+            if EXTENDED {
+                diffuse += self.transmission_albedo(channel, l);
+            }
+            // The diffuse part loses what the lobe takes, by the ambient term or by rays
+            let mut albedo = if conserves_energy {
+                let specular = self.specular_albedo::<EXTENDED, SPECIAL>(channel, l);
+                diffuse * (1.0 - specular) + specular * rough[l]
+            } else {
+                diffuse + self.f0::<EXTENDED>(channel, l) * rough[l]
+            };
+            if EXTENDED {
+                let phong = extended.ambient[channel][l] * self.base_color[channel][l];
+                albedo = if extended.is_phong[l] { phong } else { albedo };
+                albedo *= extended.occlusion[l];
+            }
+            radiance[l] += ambient * albedo;
+        }
     }
 }
 

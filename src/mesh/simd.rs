@@ -297,6 +297,7 @@ mod x86 {
         /// Selects in eight lanes at a time; `N` must be a multiple of eight.
         #[inline(always)]
         fn select_of_four<const N: usize>(self, values: &[f32; 4], index: &[u32; N]) -> [f32; N] {
+            // Repeat the values in both halves of a register
             let [a, b, c, d] = *values;
             let values = cast([a, b, c, d, a, b, c, d]);
             let mut out = [0.0; N];
@@ -391,6 +392,7 @@ mod x86 {
             if !N.is_multiple_of(16) {
                 return (*self).select_of_four(values, index);
             }
+            // Repeat the values in all quarters of a register
             let values = cast([*values; 4]);
             let mut out = [0.0; N];
             let (parts, _) = out.as_chunks_mut::<16>();

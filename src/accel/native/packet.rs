@@ -22,12 +22,14 @@ const MIN_LANES: u32 = 8;
 
 /// Finds the hits of every active lane for a query: packet by packet, those of few rays one by one.
 pub(super) fn trace(tree: &GroupTree, small: &SmallTree, packets: &mut [RayPacket], query: Query) {
+    // Trace packets of many rays together
     let sparse = dispatch_sixteen(SmallTreePackets {
         tree,
         small,
         packets,
         query,
     });
+    // Trace what they leave over ray by ray, by a kernel that is compiled for registers of eight
     if sparse > 0 {
         single::trace_sparse(tree, packets, query, sparse);
     }
@@ -258,10 +260,10 @@ impl PacketRays {
         // Intersect the remaining triangles
         for slot in lanes(members) {
             let slot = slot % PACK;
-            let (corners, number) = (block.triangle(slot), block.numbers[slot]);
-            let [a, b, c] = corners;
+            let ([a, b, c], number) = (block.triangle(slot), block.numbers[slot]);
             let vertices = [&sheared[a], &sheared[b], &sheared[c]];
             let active = masks[slot] & self.active;
+            // Leave out triangles behind all rays, before the division
             let active = self.shears.starting_before(isa, vertices, active, &self.t_near);
             if active == 0 {
                 continue;
@@ -354,7 +356,11 @@ mod tests {
     fn packets_have_the_hits_of_single_rays() {
         let tree = build_tree(&[&bumpy_sphere(80)]).unwrap();
         let small = SmallTree::of(&tree).unwrap();
-        let rays = random_packets(2000, 7);
+        // Some packets of few rays among those of many
+        let mut rays = random_packets(2000, 7);
+        for packet in rays.iter_mut().step_by(4) {
+            packet.active[4..].fill(0);
+        }
         // Trace rays one by one
         let (mut single, mut single_blocked) = (rays.clone(), rays.clone());
         single::trace(&tree, &mut single, Query::Nearest);

@@ -41,9 +41,10 @@ impl SimdKernel for SingleRays<'_> {
     fn run<I: SimdLevel>(self, isa: I) {
         let mut stack = SingleStack::new();
         for packet in self.packets {
-            packet.drop_untraceable();
-            let active = packet.active_mask();
-            if active.count_ones() < self.limit {
+            // Leave out what was traced in packets, where rays that are blocked would not be traceable
+            if packet.active_mask().count_ones() < self.limit {
+                packet.drop_untraceable();
+                let active = packet.active_mask();
                 for lane in lanes(active) {
                     trace_lane(isa, self.tree, packet, lane % LANES, self.query, &mut stack);
                 }

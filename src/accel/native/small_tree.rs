@@ -34,6 +34,7 @@ impl IndexedBlock {
             numbers: [NO_NUMBER; PACK],
             triangle_count: 0,
         };
+        // Move the triangles of used slots to the front
         for slot in (0..PACK).filter(|&slot| block.numbers[slot] != NO_NUMBER) {
             let corners = block.triangles.triangle(slot);
             let index = indexed.triangle_count;
@@ -46,12 +47,14 @@ impl IndexedBlock {
 
     /// Returns the index of a vertex, which is added unless it is there.
     fn add_vertex(&mut self, [x, y, z]: [f32; 3]) -> u8 {
+        // Look for a vertex of the same bits
         let bits = |vertex: &[f32; 4]| vertex.map(f32::to_bits);
         let vertex = [x, y, z, 0.0];
         let known = self
             .vertices()
             .iter()
             .position(|other| bits(other) == bits(&vertex));
+        // Store it, in its place or after the others
         let index = known.unwrap_or(self.vertex_count);
         self.vertices[index] = vertex;
         self.vertex_count = self.vertex_count.max(index + 1);

@@ -107,8 +107,8 @@ impl<const N: usize, A: LaneAxes<N>> ShearLanes<N, A> {
         }
     }
 
-    /// Returns the rays of the mask `active` that do not start beyond all vertices of a triangle, for which they
-    /// [may contain](may_contain_origin) it. The others miss it.
+    /// Returns the rays of the mask `active`, all of which [may contain](may_contain_origin) a triangle, without those that
+    /// start beyond all its vertices: they miss it.
     #[inline(always)]
     pub(crate) fn starting_before(
         &self,
@@ -117,6 +117,7 @@ impl<const N: usize, A: LaneAxes<N>> ShearLanes<N, A> {
         active: u32,
         t_near: &[f32; N],
     ) -> u32 {
+        // Find the farthest vertex along each ray
         let [a, b, c] = self.parameters(vertices);
         let (mut last, mut start) = ([0.0; N], [0.0; N]);
         for i in 0..N {

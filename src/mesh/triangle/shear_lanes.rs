@@ -97,6 +97,7 @@ impl<const N: usize> AxisOrders<N> {
     #[inline(always)]
     pub(crate) fn of(axes: &OwnAxes<N>) -> AxisOrders<N> {
         let mut orders = [[0; N]; 3];
+        // Select the axis of each coordinate by the dominant one: x, y or z
         for (row, [x, y, z]) in orders.iter_mut().zip([[1, 2, 0], [2, 0, 1], [0, 1, 2]]) {
             for lane in 0..N {
                 let axis = if axes.is_y[lane] < 0 { y } else { z };

@@ -23,6 +23,7 @@ impl ShadingState<'_, '_> {
         traced: &TracedPacket,
         stage: BatchInfo,
     ) -> Option<Lanes3<f32>> {
+        // Most packets behind the first hits have no such ray
         let sees_background = self.straight_misses(traced, stage);
         if !sees_background.contains(&true) {
             return None;
@@ -56,6 +57,7 @@ impl ShadingState<'_, '_> {
 
     /// Returns which lanes are straight camera rays that missed the scene.
     fn straight_misses(&self, traced: &TracedPacket, stage: BatchInfo) -> Lanes<bool> {
+        // Find all rays that missed
         let mut misses = [false; LANES];
         for l in 0..LANES {
             misses[l] = (traced.packet.active[l] != 0) & (traced.packet.instance[l] == NO_HIT);

@@ -99,6 +99,7 @@ fn look_up_radiance_lanes(map: &EnvironmentMap, directions: &Lanes3<f32>, radian
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
 fn look_up_lanes(map: &EnvironmentMap, directions: &Lanes3<f32>, found: &mut EnvironmentLanes) {
+    // Interpolate between texels
     let cells = CellLanes::at(map, directions);
     let texels = map.texels(&cells.column, &cells.row);
     interpolate(&texels, &cells.fraction, &mut found.radiance);

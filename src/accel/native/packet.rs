@@ -357,7 +357,7 @@ mod tests {
         let tree = build_tree(&[&bumpy_sphere(80)]).unwrap();
         let small = SmallTree::of(&tree).unwrap();
         // Some packets of few rays among those of many
-        let mut rays = random_packets(2000, 7);
+        let mut rays = random_packets(2400, 7);
         for packet in rays.iter_mut().step_by(4) {
             packet.active[4..].fill(0);
         }

@@ -256,6 +256,8 @@ impl<'s> SurfaceScene<'s> {
     }
 
     /// Sets the materials of all hits before texturing. Returns whether any of them varies over its surface.
+    // Not inlined, so that packets on one object do not pay for its registers.
+    #[inline(never)]
     fn materials_by_lane(&self, packet: &RayPacket, materials: &mut MaterialPacket) -> bool {
         let mut varies = false;
         materials.set_lanes(|l| {

@@ -87,7 +87,7 @@ impl ShadingState<'_, '_> {
                 }
                 self.shade::<BASIC>(effects, &traced, surfaces, stage);
             // Add background radiance if all rays missed, unless all of them have seen another one
-            } else if effects.has_unlit_radiance() && traced.sees_background() {
+            } else if effects.has_unlit_radiance() && (BASIC || traced.sees_background()) {
                 self.add_background(traced, stage);
             }
             self.meter.leave();

@@ -103,7 +103,7 @@ mod tests {
     use super::*;
     use crate::numeric::SplitMix64;
     use crate::scene::Clearcoat;
-    use crate::shading::{MaterialFactors, direct};
+    use crate::shading::direct;
 
     /// Evaluates a coated white diffuse surface by `KHR_materials_clearcoat`: BRDF times cosine, over a base of
     /// Lambert's law.
@@ -143,7 +143,7 @@ mod tests {
                 clearcoat: Some(coat),
                 ..Material::metallic_roughness([1.0; 3], 0.0, 1.0)
             };
-            base.set(0, &MaterialFactors::of(&material));
+            base.set(0, &material);
             let layers = base.layers.as_mut().unwrap();
             layers.coat_normal = lanes(n);
             let layers = layers.clone();

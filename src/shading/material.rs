@@ -132,42 +132,43 @@ impl MaterialPacket {
         }
     }
 
-    /// Sets every lane to the factors of a material.
+    /// Sets every lane to the factors of `material`.
     #[inline(always)]
-    pub fn fill(&mut self, factors: &MaterialFactors) {
+    pub fn fill(&mut self, material: &Material) {
         if self.effects.has_basic_materials() {
-            self.fill_of::<true>(factors);
+            self.fill_of::<true>(material);
         } else {
-            self.fill_of::<false>(factors);
+            self.fill_of::<false>(material);
         }
     }
 
     /// Sets every lane; `BASIC` skips the optional effects at compile time.
     #[inline(always)]
-    fn fill_of<const BASIC: bool>(&mut self, factors: &MaterialFactors) {
+    fn fill_of<const BASIC: bool>(&mut self, material: &Material) {
+        let factors = Factors::of(material);
         for l in 0..LANES {
-            self.set_basic::<BASIC>(l, factors);
+            self.set_basic::<BASIC>(l, &factors);
         }
         if !BASIC && self.effects.needs_full_material() {
             for l in 0..LANES {
-                self.set_extended(l, factors);
+                self.set_extended(l, &factors);
             }
         }
     }
 
-    /// Sets one lane to the factors of a material.
+    /// Sets one lane to the factors of `material`.
     #[inline(always)]
-    pub fn set(&mut self, l: usize, factors: &MaterialFactors) {
-        self.set_of::<false>(l, factors);
+    pub fn set(&mut self, l: usize, material: &Material) {
+        self.set_of::<false>(l, material);
     }
 
-    /// Sets the lanes for which `factors` returns those of a material.
+    /// Sets the lanes for which `material` returns one to the factors of that material.
     #[inline(always)]
-    pub fn set_lanes<'m>(&mut self, factors: impl FnMut(usize) -> Option<&'m MaterialFactors<'m>>) {
+    pub fn set_lanes<'m>(&mut self, material: impl FnMut(usize) -> Option<&'m Material>) {
         if self.effects.has_basic_materials() {
-            self.set_lanes_of::<true>(factors);
+            self.set_lanes_of::<true>(material);
         } else {
-            self.set_lanes_of::<false>(factors);
+            self.set_lanes_of::<false>(material);
         }
     }
 
@@ -175,22 +176,23 @@ impl MaterialPacket {
     #[inline(always)]
     fn set_lanes_of<'m, const BASIC: bool>(
         &mut self,
-        mut factors: impl FnMut(usize) -> Option<&'m MaterialFactors<'m>>,
+        mut material: impl FnMut(usize) -> Option<&'m Material>,
     ) {
         for l in 0..LANES {
-            if let Some(factors) = factors(l) {
-                self.set_of::<BASIC>(l, factors);
+            if let Some(material) = material(l) {
+                self.set_of::<BASIC>(l, material);
             }
         }
     }
 
-    /// Sets one lane to the factors of a material. `BASIC` may be true only if [`EffectSet::has_basic_materials`] holds for the
+    /// Sets one lane to the factors of `material`. `BASIC` may be true only if [`EffectSet::has_basic_materials`] holds for the
     /// packet's effects.
     #[inline(always)]
-    fn set_of<const BASIC: bool>(&mut self, l: usize, factors: &MaterialFactors) {
-        self.set_basic::<BASIC>(l, factors);
+    fn set_of<const BASIC: bool>(&mut self, l: usize, material: &Material) {
+        let factors = Factors::of(material);
+        self.set_basic::<BASIC>(l, &factors);
         if !BASIC && self.effects.needs_full_material() {
-            self.set_extended(l, factors);
+            self.set_extended(l, &factors);
         }
     }
 
@@ -225,7 +227,7 @@ impl MaterialPacket {
 
     /// Sets the parameters that every packet has, in lane `l`.
     #[inline(always)]
-    fn set_basic<const BASIC: bool>(&mut self, l: usize, factors: &MaterialFactors) {
+    fn set_basic<const BASIC: bool>(&mut self, l: usize, factors: &Factors) {
         let material = factors.material;
         // Set colour and emission per channel
         let has_emission = !BASIC && self.effects.has(Effect::Emission);
@@ -264,7 +266,7 @@ impl MaterialPacket {
 
     /// Sets the rarely used parameters in lane `l`, neutral where their effect is off.
     #[inline(always)]
-    fn set_extended(&mut self, l: usize, factors: &MaterialFactors) {
+    fn set_extended(&mut self, l: usize, factors: &Factors) {
         // Set the parameters that have one value per lane
         let is_specular = factors.is_phong || self.effects.has(Effect::Specular);
         let same_side_diffuse = self.same_side_fraction(factors);
@@ -309,7 +311,7 @@ impl MaterialPacket {
 
     /// Returns the fraction of the diffuse light that leaves where it arrived and on that side.
     #[inline(always)]
-    fn same_side_fraction(&self, factors: &MaterialFactors) -> f32 {
+    fn same_side_fraction(&self, factors: &Factors) -> f32 {
         if self.effects.has(Effect::Subsurface) && factors.material.scatters().is_some() {
             0.0
         } else if self.effects.has(Effect::Translucency) {
@@ -320,9 +322,8 @@ impl MaterialPacket {
     }
 }
 
-/// Factors of a material in one form for both shading models, computed once for all hits.
-#[derive(Debug)]
-pub struct MaterialFactors<'m> {
+/// Factors of a material in one form for both shading models.
+struct Factors<'m> {
     material: &'m Material,
     model: MetallicRoughness,
     phong: Phong,
@@ -342,9 +343,8 @@ const UNLIT_PHONG: Phong = Phong {
     ..Phong::DEFAULT
 };
 
-impl<'m> MaterialFactors<'m> {
-    /// Computes the factors of a material.
-    pub fn of(material: &'m Material) -> MaterialFactors<'m> {
+impl<'m> Factors<'m> {
+    fn of(material: &'m Material) -> Factors<'m> {
         // Fill in the model that the material does not use with neutral values
         let (model, phong, is_phong) = match material.model {
             Model::MetallicRoughness(model) => (model, UNLIT_PHONG, false),
@@ -353,7 +353,7 @@ impl<'m> MaterialFactors<'m> {
         };
         // Split the diffuse light between the two sides of a thin surface
         let diffuse_transmission = material.translucent().map(Translucency::diffuse_transmission);
-        MaterialFactors {
+        Factors {
             material,
             model,
             phong,

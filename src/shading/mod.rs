@@ -31,7 +31,7 @@ pub use environment::{
 pub use ggx::{Ggx, LobeSample};
 pub use layer::LayerLanes;
 pub use lobe_albedo::LobeAlbedo;
-pub use material::{ExtendedMaterialLanes, MaterialFactors, MaterialPacket};
+pub use material::{ExtendedMaterialLanes, MaterialPacket};
 pub use metallic_roughness::{diffuse_transmission, direct, direct_combined, direct_of, mirror};
 pub use phong::phong_direct;
 pub use punctual_light::{PunctualSample, sample_punctual_light};

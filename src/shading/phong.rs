@@ -44,7 +44,6 @@ pub fn phong_direct(
 mod tests {
     use super::*;
     use crate::scene::{EffectSet, Material, Model, Phong};
-    use crate::shading::MaterialFactors;
 
     fn lanes3(v: [f32; 3]) -> Lanes3<f32> {
         v.map(|axis| [axis; LANES])
@@ -63,7 +62,7 @@ mod tests {
             base_color: [1.0, 0.5, 0.25, 1.0],
             ..Material::default()
         };
-        packet.fill(&MaterialFactors::of(&material));
+        packet.fill(&material);
         packet
     }
 

@@ -10,7 +10,7 @@ use std::f64::consts::PI;
 use crate::numeric::{LANES, Lanes3};
 use crate::optics::{Absorption, Dispersion};
 use crate::scene::{EffectSet, Material, Medium, MediumKind, MetallicRoughness, Model, Phong};
-use crate::shading::{LobeAlbedo, MaterialFactors, MaterialPacket, direct, phong_direct};
+use crate::shading::{LobeAlbedo, MaterialPacket, direct, phong_direct};
 use glam::DVec3;
 
 use crate::numeric::SplitMix64;
@@ -66,7 +66,7 @@ fn packet_of(materials: &[Material]) -> MaterialPacket {
     let mut packet = MaterialPacket::BLACK;
     packet.effects = EffectSet::ALL;
     for (l, material) in materials.iter().enumerate() {
-        packet.set(l, &MaterialFactors::of(material));
+        packet.set(l, material);
     }
     packet
 }

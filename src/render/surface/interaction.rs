@@ -21,7 +21,7 @@ use super::vertex_fetch::FetchedVertices;
 use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3, SpawnPolicy, triangle_spawn_bound};
 use crate::scene::{Effect, EffectSet, Instance, InstanceTransform, Material, Scene};
-use crate::shading::{MaterialFactors, MaterialPacket, TextureSet};
+use crate::shading::{MaterialPacket, TextureSet};
 use crate::shape::{Shape, vector};
 
 /// Scene data needed to shade hits, with one entry per instance.
@@ -29,8 +29,6 @@ pub(in crate::render) struct SurfaceScene<'s> {
     scene: &'s Scene,
     textures: TextureSet<'s>,
     views: Vec<InstanceView<'s>>,
-    /// Factors of the materials of the scene.
-    factors: Vec<MaterialFactors<'s>>,
     /// True if the cones of rays that leave a surface depend on its curvature.
     needs_curvatures: bool,
     /// Mean scales of the transforms of instances, which curvatures depend on; NaN for moving ones. Empty where no
@@ -102,7 +100,6 @@ impl<'s> SurfaceScene<'s> {
             scene,
             textures: TextureSet::of_effects(scene, effects),
             views: views.collect(),
-            factors: scene.materials.iter().map(MaterialFactors::of).collect(),
             needs_curvatures,
             mean_scales: if needs_curvatures {
                 mean_scales.collect()
@@ -140,11 +137,6 @@ impl<'s> SurfaceScene<'s> {
     #[inline(always)]
     pub(in crate::render) fn material_of(&self, view: &InstanceView) -> &'s Material {
         &self.scene.materials[view.material as usize]
-    }
-
-    #[inline(always)]
-    fn factors_of(&self, view: &InstanceView) -> &MaterialFactors<'s> {
-        &self.factors[view.material as usize]
     }
 
     /// Computes the surface interactions of a traced packet.
@@ -227,7 +219,7 @@ impl<'s> SurfaceScene<'s> {
             // Lanes without a hit may hold any material.
             Some(view) if view.uniform => {
                 if *filled_for != common.instance {
-                    materials.fill(self.factors_of(view));
+                    materials.fill(self.material_of(view));
                     *filled_for = common.instance;
                 }
             }
@@ -235,7 +227,7 @@ impl<'s> SurfaceScene<'s> {
                 *filled_for = None;
                 let varies = match only {
                     Some(view) => {
-                        materials.fill(self.factors_of(view));
+                        materials.fill(self.material_of(view));
                         true
                     }
                     None => self.materials_by_lane(packet, materials),
@@ -256,8 +248,6 @@ impl<'s> SurfaceScene<'s> {
     }
 
     /// Sets the materials of all hits before texturing. Returns whether any of them varies over its surface.
-    // Not inlined, so that packets on one object do not pay for its registers.
-    #[inline(never)]
     fn materials_by_lane(&self, packet: &RayPacket, materials: &mut MaterialPacket) -> bool {
         let mut varies = false;
         materials.set_lanes(|l| {
@@ -266,7 +256,7 @@ impl<'s> SurfaceScene<'s> {
             }
             let view = &self.views[packet.instance[l] as usize];
             varies |= !view.uniform;
-            Some(self.factors_of(view))
+            Some(self.material_of(view))
         });
         varies
     }

@@ -42,10 +42,9 @@ pub(super) fn trace_packets(
     for packet in packets {
         packet.drop_untraceable();
         // Classify the rays by octant and dominant axis
-        let mut left = 0u32;
+        let mut left = packet.active_mask();
         let mut kinds = [0u32; LANES];
         for lane in 0..LANES {
-            left |= u32::from(packet.active[lane] != 0) << lane;
             kinds[lane] = kind(packet, lane);
         }
         while left != 0 {

@@ -264,7 +264,7 @@ impl PacketRays {
             let vertices = [&sheared[a], &sheared[b], &sheared[c]];
             let active = masks[slot] & self.active;
             // Leave out triangles behind all rays, before the division
-            let active = self.shears.starting_before(isa, vertices, active, &self.t_near);
+            let active = self.shears.starting_before(isa, vertices, active);
             if active == 0 {
                 continue;
             }

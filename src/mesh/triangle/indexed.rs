@@ -107,25 +107,23 @@ impl<const N: usize, A: LaneAxes<N>> ShearLanes<N, A> {
         }
     }
 
-    /// Returns the rays of the mask `active`, all of which [may contain](may_contain_origin) a triangle, without those that
-    /// start beyond all its vertices: they miss it.
+    /// Returns the rays of the mask `active`, all of which [may contain](may_contain_origin) a triangle, without those whose
+    /// origins are beyond all its vertices: they miss it, as no ray that is traced begins before its origin.
     #[inline(always)]
     pub(crate) fn starting_before(
         &self,
         isa: impl SimdLevel,
         vertices: [&ShearedVertex<N>; 3],
         active: u32,
-        t_near: &[f32; N],
     ) -> u32 {
         // Find the farthest vertex along each ray
         let [a, b, c] = self.parameters(vertices);
-        let (mut last, mut start) = ([0.0; N], [0.0; N]);
+        let mut last = [0.0; N];
         for i in 0..N {
             last[i] = max(max(a[i], b[i]), c[i]);
-            // Weights have one sign, so no rounding brings a hit from below 0 over it, or to half its distance from 0
-            start[i] = 2.0 * min(t_near[i], 0.0);
         }
-        active & !isa.lt(&last, &start)
+        // The weights have one sign, so no rounding brings a mean of negative parameters over 0
+        active & !isa.lt(&last, &[0.0; N])
     }
 
     /// Returns the parameters of the vertices of a triangle.
@@ -284,7 +282,7 @@ mod tests {
         // Test the triangle
         let active = may_contain_origin(isa, [&a.projected, &b.projected, &c.projected]);
         let interval = [&rays.map(|r| r.t_near), &rays.map(|r| r.t_far)];
-        let kept = shears.starting_before(isa, [a, b, c], active, interval[0]);
+        let kept = shears.starting_before(isa, [a, b, c], active);
         let hit_lanes = shears.intersect_sheared(isa, [a, b, c], corners, active, interval);
         assert_eq!(hit_lanes.mask & !kept, 0);
         // Divide the weights by the determinant

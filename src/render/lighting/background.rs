@@ -68,7 +68,7 @@ impl RenderContext<'_> {
                 let Some(states) = traced.path_states.filter(|_| self.combined.has_environment()) else {
                     return environment.map().look_up_radiance(&directions);
                 };
-                // Elsewhere with densities
+                // Otherwise with densities
                 let found = environment.map().look_up(&directions);
                 seen = found.radiance;
                 // Weight the rays by their share beside light samples

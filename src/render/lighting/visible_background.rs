@@ -62,12 +62,16 @@ impl ShadingState<'_, '_> {
         for l in 0..LANES {
             misses[l] = (traced.packet.active[l] != 0) & (traced.packet.instance[l] == NO_HIT);
         }
+        if stage.depth == 0 {
+            return misses;
+        }
         // Paths count their reflections and refractions only in scenes where rays pass surfaces
         let passes = self.frame.effects().counts_bounces();
-        match traced.path_states.filter(|_| passes) {
-            _ if stage.depth == 0 => {}
-            Some(path_states) => (0..LANES).for_each(|l| misses[l] &= path_states.depth(l) == 0),
-            None => misses = [false; LANES],
+        let Some(path_states) = traced.path_states.filter(|_| passes) else {
+            return [false; LANES];
+        };
+        for l in 0..LANES {
+            misses[l] &= path_states.depth(l) == 0;
         }
         misses
     }

@@ -236,7 +236,11 @@ impl ShadingState<'_, '_> {
     #[inline(never)]
     fn add_emission(&mut self, traced: TracedPacket, surfaces: &Surfaces, stage: BatchInfo) {
         // Look up the background if any ray missed the scene
-        let background = match traced.sees_background() {
+        let mut missed = false;
+        for l in 0..LANES {
+            missed |= (traced.packet.active[l] != 0) & !surfaces.points.hit[l];
+        }
+        let background = match missed {
             true => self.frame.background_along(&traced, stage),
             false => [[0.0; LANES]; 3],
         };

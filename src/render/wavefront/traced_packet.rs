@@ -34,7 +34,7 @@ pub(in crate::render) struct TracedPacket<'a> {
 }
 
 impl TracedPacket<'_> {
-    /// Returns whether any ray of non-zero weight has missed the scene.
+    /// Returns whether any ray of non-zero weight has missed the scene, and so shows its background.
     #[inline(always)]
     pub(in crate::render) fn sees_background(&self) -> bool {
         let (packet, [r, g, b]) = (self.packet, self.weight);

@@ -138,7 +138,7 @@ impl<const W: usize> ClusterKernel<'_, W> {
         for member in lanes(members) {
             let [a, b, c] = cluster.triangle(member);
             let maybe = masks[member] & active;
-            let maybe = shears.starting_before(isa, [flat(a), flat(b), flat(c)], maybe, &t_near);
+            let maybe = shears.starting_before(isa, [flat(a), flat(b), flat(c)], maybe);
             if maybe == 0 {
                 continue;
             }

@@ -2,11 +2,14 @@
 //! are not copied out of it; [`BufferMut`] is filled and then frozen.
 //!
 //! Large arrays are anonymous memory maps in huge pages, where the system grants them: the first write to each page of
-//! 4 KiB costs about as long as filling it.
+//! 4 KiB costs about as long as filling it. Virtual machines that give free memory back to their host are an exception: there
+//! the host clears huge pages again, and trees of 10 million triangles take twice as long to build.
 
 use std::marker::PhantomData;
 use std::ops::{Deref, DerefMut, Range};
 use std::sync::Arc;
+#[cfg(target_os = "linux")]
+use std::sync::OnceLock;
 
 use bytemuck::Pod;
 use memmap2::MmapMut;
@@ -113,10 +116,23 @@ pub(crate) fn anonymous_map(size: usize) -> std::io::Result<MmapMut> {
     let map = MmapMut::map_anon(size)?;
     // Without huge pages the map serves as well.
     #[cfg(target_os = "linux")]
-    if size >= HUGE_PAGE {
+    if size >= HUGE_PAGE && !reports_free_pages() {
         let _ = map.advise(memmap2::Advice::HugePage);
     }
     Ok(map)
+}
+
+/// Returns whether the system is a virtual machine that reports free pages to its host, which takes them back.
+#[cfg(target_os = "linux")]
+fn reports_free_pages() -> bool {
+    /// Least number of pages that are reported together, as a power of two; -1, as an unsigned number, if none are.
+    const ORDER: &str = "/sys/module/page_reporting/parameters/page_reporting_order";
+    static REPORTS: OnceLock<bool> = OnceLock::new();
+    *REPORTS.get_or_init(|| {
+        let order = std::fs::read_to_string(ORDER).ok();
+        let order = order.and_then(|order| order.trim().parse::<u32>().ok());
+        order.is_some_and(|order| order < u32::BITS)
+    })
 }
 
 /// Array of plain values that are written before they are shared.

@@ -55,9 +55,10 @@ impl Mesh {
     pub fn bounds(&self) -> Bounds {
         const CHUNK: usize = 1 << 14;
         // Bound chunks of triangles in parallel
+        let positions = &self.positions[..];
         let chunks = parallel::map_chunks(&self.triangles, CHUNK, &|_, triangles| {
             let vertices = triangles.as_flattened().iter();
-            box_around(vertices.map(|&v| self.positions[v as usize]))
+            box_around(vertices.map(|&v| positions[v as usize]))
         });
         chunks.into_iter().fold(Bounds::EMPTY, Bounds::union)
     }

@@ -64,7 +64,7 @@ pub struct LaneHits<const N: usize> {
 
 /// Eight triangles as structure of arrays. A lane of NaN is never hit.
 #[repr(C)]
-#[derive(Clone, Copy, Debug, bytemuck::Zeroable)]
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 pub struct TrianglePack {
     /// Coordinates, indexed by vertex, axis and lane.
     pub corners: [[[f32; PACK]; 3]; 3],

@@ -6,6 +6,7 @@
 //! if they were just so dark, so that deep shadows do not brighten the rest. The result does not depend on threads.
 
 use crate::image::LinearImage;
+use crate::parallel;
 use crate::scene::image_settings::MAX_EXPOSURE;
 
 /// Exposure of displayed values.
@@ -38,6 +39,8 @@ const DARKEST: f64 = 1.0 / 4096.0;
 const MIN_ALPHA: f32 = 0.5;
 /// Steps of the result per stop, so that its printed value gives the same image.
 const STEPS_PER_STOP: f64 = 100.0;
+/// Number of pixels of a task.
+const CHUNK: usize = 1 << 14;
 /// Factors of the linear channels of Rec. 709 in luminance.
 const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
 
@@ -45,27 +48,29 @@ const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
 ///
 /// Pixels without luminance, and those that `alpha` says are less than half covered, do not count.
 pub fn automatic_exposure(image: &LinearImage, alpha: Option<&[f32]>) -> f32 {
-    // Sort the luminances of covered pixels
-    let mut levels: Vec<f64> = image
-        .pixels
-        .iter()
-        .enumerate()
-        .filter_map(|(index, pixel)| {
+    // Compute the luminances of covered pixels
+    let of_chunk = |chunk: usize, pixels: &[[f32; 3]]| -> Vec<f64> {
+        let level = |(index, pixel): (usize, &[f32; 3])| {
             let alpha = alpha.map_or(1.0, |alpha| alpha[index]);
             let sum: f64 = (0..3).map(|c| LUMINANCE[c] * f64::from(pixel[c])).sum();
             let level = sum / f64::from(alpha);
             (alpha >= MIN_ALPHA && level > 0.0 && level.is_finite()).then_some(level)
-        })
-        .collect();
-    levels.sort_unstable_by(f64::total_cmp);
+        };
+        (chunk * CHUNK..).zip(pixels).filter_map(level).collect()
+    };
+    let mut levels = parallel::map_chunks(&image.pixels, CHUNK, &of_chunk).concat();
     // Find the percentile that may become white
     let rank = (WHITE_FRACTION * levels.len() as f64).ceil() as usize;
-    let Some(&white) = levels.get(rank.saturating_sub(1)) else {
+    let Some(index) = rank.checked_sub(1) else {
         return 0.0;
     };
+    let white = *levels.select_nth_unstable_by(index, f64::total_cmp).1;
     // Take the geometric mean, and the smaller of both gains
     let darkest = DARKEST * white;
-    let sum: f64 = levels.iter().map(|level| level.max(darkest).log2()).sum();
+    let logarithms = |_, levels: &[f64]| levels.iter().map(|level| level.max(darkest).log2()).sum::<f64>();
+    let sum: f64 = parallel::map_chunks(&levels, CHUNK, &logarithms)
+        .into_iter()
+        .sum();
     let of_grey = MIDDLE_GREY.log2() - sum / levels.len() as f64;
     let stops = of_grey.min(-white.log2());
     let limit = f64::from(MAX_EXPOSURE);

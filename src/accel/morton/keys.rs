@@ -8,9 +8,11 @@ use std::ops::Range;
 use std::sync::Mutex;
 
 use glam::Vec3A;
+use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::box4::Box4;
+use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::parallel;
 
 /// Number of binary digits of each coordinate.
@@ -155,6 +157,42 @@ impl KeyCurve {
     }
 }
 
+/// Returns the keys of sixteen primitives, `first` and those after it: those of [`KeyCurve::key`].
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+fn key_packet(curve: &KeyCurve, twice_centres: &Lanes3<f32>, first: usize) -> Lanes<u64> {
+    let (mut keys, mut digits) = ([0; LANES], [0; LANES]);
+    let (corner, scale) = (curve.corner.to_array(), curve.scale.to_array());
+    for axis in 0..3 {
+        // Find the cells along the axis, then interleave their digits
+        cells_along(&twice_centres[axis], corner[axis], scale[axis], &mut digits);
+        add_digits(&digits, axis as u32, &mut keys);
+    }
+    for lane in 0..LANES {
+        keys[lane] = (keys[lane] >> curve.dropped_bits) << curve.index_bits | (first + lane) as u64;
+    }
+    keys
+}
+
+/// Finds the cells of sixteen centres along one axis, from 0 to the last one.
+#[inline(always)]
+fn cells_along(twice_centres: &Lanes<f32>, corner: f32, scale: f32, cells: &mut Lanes<i32>) {
+    let last = (1 << BITS_PER_AXIS) - 1;
+    for lane in 0..LANES {
+        cells[lane] = (((twice_centres[lane] - corner) * scale) as i32).clamp(0, last);
+    }
+}
+
+/// Adds the digits of sixteen cells along one axis to the codes.
+#[inline(always)]
+fn add_digits(cells: &Lanes<i32>, axis: u32, codes: &mut Lanes<u64>) {
+    for lane in 0..LANES {
+        codes[lane] |= spread(cells[lane] as u32) << axis;
+    }
+}
+
 /// Spreads the lowest 13 bits, with two zeros before each.
 #[inline(always)]
 fn spread(digits: u32) -> u64 {
@@ -176,10 +214,18 @@ fn distributed(twice_centre: &impl Fn(usize) -> Vec3A, curve: &KeyCurve, range: 
     // Compute the keys and count them by bucket
     let mut unsorted = Vec::with_capacity(range.len());
     let mut ends = vec![0u32; BUCKETS];
-    for number in range {
-        let key = curve.key(twice_centre(number), number);
-        ends[bucket_of(key)] += 1;
-        unsorted.push(key);
+    for first in range.clone().step_by(LANES) {
+        let count = LANES.min(range.end - first);
+        let mut centres = [[0.0; LANES]; 3];
+        for lane in 0..count {
+            let [x, y, z] = twice_centre(first + lane).to_array();
+            (centres[0][lane], centres[1][lane], centres[2][lane]) = (x, y, z);
+        }
+        let keys = key_packet(curve, &centres, first);
+        for &key in &keys[..count] {
+            ends[bucket_of(key)] += 1;
+        }
+        unsorted.extend_from_slice(&keys[..count]);
     }
     // Turn counts into starts, which placing the keys turns into ends
     let mut start = 0;
@@ -306,6 +352,28 @@ mod tests {
         for digits in [0, 1, 0b101, 0x1fff, 0x1234] {
             let expected = (0..13).fold(0, |v, i| v | u64::from(digits >> i & 1) << (3 * i));
             assert_eq!(spread(digits), expected, "{digits:b}");
+        }
+    }
+
+    #[test]
+    fn keys_of_sixteen_are_those_of_each() {
+        let bounds = Box4::around(&[[-1.0, 0.0, 2.0], [3.0, 1.0, 2.5]]);
+        for index_bits in [25, 30] {
+            let curve = KeyCurve::around(&bounds, index_bits);
+            // Centres inside and outside of the cube, and such that are no numbers
+            let centre = |lane: usize| match lane {
+                3 => Vec3A::NAN,
+                5 => Vec3A::new(f32::INFINITY, -1e30, 1e30),
+                _ => Vec3A::new(
+                    0.7 * lane as f32 - 3.0,
+                    0.1 * lane as f32,
+                    4.0 + 0.07 * lane as f32,
+                ),
+            };
+            let rows = [0, 1, 2].map(|axis| std::array::from_fn(|lane| centre(lane)[axis]));
+            let keys = key_packet(&curve, &rows, 1000);
+            let each: Lanes<u64> = std::array::from_fn(|lane| curve.key(centre(lane), 1000 + lane));
+            assert_eq!(keys, each);
         }
     }
 

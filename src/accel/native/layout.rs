@@ -1,5 +1,6 @@
 //! Memory layout of the tree: nodes with the boxes of eight children, and blocks of eight triangles as leaves.
 
+use crate::buffer::BufferMut;
 use crate::mesh::triangle::{PACK, TrianglePack};
 
 /// Number of children of a node.
@@ -13,7 +14,7 @@ pub(super) const MAX_DEPTH: usize = 64;
 pub(super) const STACK: usize = MAX_DEPTH * (WIDTH - 1) + WIDTH;
 
 /// Link to a node or to a block.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, bytemuck::Zeroable)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(transparent)]
 pub(super) struct ChildLink(u32);
 
@@ -53,7 +54,7 @@ impl ChildLink {
 }
 
 /// Node with the boxes of its children.
-#[derive(Clone, Copy, Debug, bytemuck::Zeroable)]
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C, align(32))]
 pub(super) struct NativeNode {
     /// Bounds by side (low, high), axis and child. Those of unused children are low +∞ and high -∞.
@@ -71,7 +72,7 @@ impl NativeNode {
 }
 
 /// Leaf of up to eight triangles.
-#[derive(Clone, Copy, Debug, bytemuck::Zeroable)]
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C, align(32))]
 pub(super) struct LeafBlock {
     /// Vertices of the triangles; NaN in unused slots, so that no ray hits them.
@@ -93,23 +94,44 @@ pub(super) struct Box3 {
 ///
 /// Its memory is 320 bytes a block and 224 bytes a node, less than 60 bytes a triangle. A few nodes are unused: those
 /// that a task of the builder reserved and did not need.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub(super) struct GroupTree {
     /// Link to the root: [`ChildLink::EMPTY`] for a tree without triangles.
     pub(super) root: ChildLink,
     /// Bounds of all triangles.
     pub(super) bounds: Box3,
-    /// Nodes of the tree.
-    pub(super) nodes: Vec<NativeNode>,
+    pub(super) nodes: BufferMut<NativeNode>,
     /// Leaves of the tree.
-    pub(super) blocks: Vec<LeafBlock>,
+    pub(super) blocks: BufferMut<LeafBlock>,
 }
 
 impl GroupTree {
+    /// Returns the tree as its traversals read it.
+    pub(super) fn view(&self) -> TreeView<'_> {
+        TreeView {
+            root: self.root,
+            bounds: &self.bounds,
+            nodes: &self.nodes,
+            blocks: &self.blocks,
+        }
+    }
+
     /// Returns the size of nodes and blocks in bytes.
     pub(super) fn byte_count(&self) -> usize {
         size_of_val(&*self.nodes) + size_of_val(&*self.blocks)
     }
+}
+
+/// Tree whose arrays are resolved once, because a `BufferMut` tests at every access where its values are.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct TreeView<'t> {
+    /// Link to the root: [`ChildLink::EMPTY`] for a tree without triangles.
+    pub(super) root: ChildLink,
+    /// Bounds of all triangles.
+    pub(super) bounds: &'t Box3,
+    pub(super) nodes: &'t [NativeNode],
+    /// Leaves of the tree.
+    pub(super) blocks: &'t [LeafBlock],
 }
 
 #[cfg(test)]

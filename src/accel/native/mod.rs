@@ -106,14 +106,14 @@ impl<'s> NativeAccel<'s> {
         let Some(origin) = common_origin.filter(|_| is_grouped) else {
             return false;
         };
-        group::intersect(&self.triangles, &self.runs, packets, origin);
+        group::intersect(self.triangles.view(), &self.runs, packets, origin);
         self.complete(packets, order);
         true
     }
 
     /// Traces rays of any origins and directions through the tree.
     fn trace_triangles(&self, packets: &mut [RayPacket], query: Query) {
-        let tree = &self.triangles;
+        let tree = self.triangles.view();
         match &self.small {
             Some(small) if self.kernel == Kernel::Packet => packet::trace(tree, small, packets, query),
             _ => single::trace(tree, packets, query),
@@ -187,7 +187,7 @@ impl Accel for NativeAccel<'_> {
         if self.kernel == Kernel::Single {
             return self.occluded(packets, Coherence::Coherent);
         }
-        group::occluded(&self.triangles, packets, end);
+        group::occluded(self.triangles.view(), packets, end);
         self.occlude_others(packets, Coherence::Coherent);
     }
 

@@ -12,7 +12,7 @@ use crate::mesh::triangle::{
 };
 use crate::numeric::{Lanes, Lanes3};
 
-use super::layout::{ChildLink, GroupTree, NO_NUMBER, NativeNode, STACK, WIDTH};
+use super::layout::{ChildLink, NO_NUMBER, NativeNode, STACK, TreeView, WIDTH};
 use super::single;
 use super::small_tree::{IndexedBlock, MAX_VERTICES, SmallTree};
 
@@ -21,7 +21,7 @@ use super::small_tree::{IndexedBlock, MAX_VERTICES, SmallTree};
 const MIN_LANES: u32 = 8;
 
 /// Finds the hits of every active lane for a query: packet by packet, those of few rays one by one.
-pub(super) fn trace(tree: &GroupTree, small: &SmallTree, packets: &mut [RayPacket], query: Query) {
+pub(super) fn trace(tree: TreeView, small: &SmallTree, packets: &mut [RayPacket], query: Query) {
     // Trace packets of many rays together
     let sparse = dispatch_sixteen(SmallTreePackets {
         tree,
@@ -37,7 +37,7 @@ pub(super) fn trace(tree: &GroupTree, small: &SmallTree, packets: &mut [RayPacke
 
 /// Packets that traverse a small tree.
 struct SmallTreePackets<'a> {
-    tree: &'a GroupTree,
+    tree: TreeView<'a>,
     small: &'a SmallTree,
     packets: &'a mut [RayPacket],
     query: Query,
@@ -79,7 +79,7 @@ impl SimdKernel for SmallTreePackets<'_> {
 #[inline(always)]
 fn trace_together(
     isa: impl SimdLevel,
-    tree: (&GroupTree, &SmallTree),
+    tree: (TreeView, &SmallTree),
     packet: &mut RayPacket,
     active: u32,
     query: Query,
@@ -176,7 +176,7 @@ impl PacketRays {
     fn traverse(
         &mut self,
         isa: impl SimdLevel,
-        (tree, small): (&GroupTree, &SmallTree),
+        (tree, small): (TreeView, &SmallTree),
         query: Query,
         TraversalMemory { stack, vertices }: &mut TraversalMemory,
     ) {
@@ -335,7 +335,7 @@ mod tests {
     use crate::mesh::simd::{Scalar, dispatch};
 
     /// Kernel that traces all packets as such, whatever the instruction set and their numbers of rays.
-    struct Together<'a>((&'a GroupTree, &'a SmallTree), Vec<RayPacket>, Query);
+    struct Together<'a>((TreeView<'a>, &'a SmallTree), Vec<RayPacket>, Query);
 
     impl SimdKernel for Together<'_> {
         type Output = Vec<RayPacket>;
@@ -363,13 +363,13 @@ mod tests {
         }
         // Trace rays one by one
         let (mut single, mut single_blocked) = (rays.clone(), rays.clone());
-        single::trace(&tree, &mut single, Query::Nearest);
-        single::trace(&tree, &mut single_blocked, Query::Any);
+        single::trace(tree.view(), &mut single, Query::Nearest);
+        single::trace(tree.view(), &mut single_blocked, Query::Any);
         // Trace them in packets, with all instruction sets and with that of this machine
         let mut chosen = [rays.clone(), rays.clone()];
-        trace(&tree, &small, &mut chosen[0], Query::Nearest);
-        trace(&tree, &small, &mut chosen[1], Query::Any);
-        let together = |query| Together((&tree, &small), rays.clone(), query);
+        trace(tree.view(), &small, &mut chosen[0], Query::Nearest);
+        trace(tree.view(), &small, &mut chosen[1], Query::Any);
+        let together = |query| Together((tree.view(), &small), rays.clone(), query);
         for [found, blocked] in [
             [Query::Nearest, Query::Any].map(|query| together(query).run(Scalar)),
             [Query::Nearest, Query::Any].map(|query| dispatch(together(query))),

@@ -8,15 +8,15 @@ use crate::mesh::simd::{Float8, SimdKernel, SimdLevel, WideLevel, dispatch, lane
 use crate::mesh::triangle::{PACK, Shear};
 use crate::numeric::Ray;
 
-use super::layout::{ChildLink, GroupTree, STACK, WIDTH};
+use super::layout::{ChildLink, STACK, TreeView, WIDTH};
 
 /// Finds the hits of every active lane for a query, one ray at a time.
-pub(super) fn trace(tree: &GroupTree, packets: &mut [RayPacket], query: Query) {
+pub(super) fn trace(tree: TreeView, packets: &mut [RayPacket], query: Query) {
     trace_sparse(tree, packets, query, u32::MAX);
 }
 
 /// Finds the hits of the active lanes of those packets that have fewer than `limit`, one ray at a time.
-pub(super) fn trace_sparse(tree: &GroupTree, packets: &mut [RayPacket], query: Query, limit: u32) {
+pub(super) fn trace_sparse(tree: TreeView, packets: &mut [RayPacket], query: Query, limit: u32) {
     dispatch(SingleRays {
         tree,
         packets,
@@ -27,7 +27,7 @@ pub(super) fn trace_sparse(tree: &GroupTree, packets: &mut [RayPacket], query: Q
 
 /// Packets whose rays are traced one after the other.
 struct SingleRays<'a> {
-    tree: &'a GroupTree,
+    tree: TreeView<'a>,
     packets: &'a mut [RayPacket],
     query: Query,
     /// Number of active lanes from which on packets are left out.
@@ -79,7 +79,7 @@ impl SingleStack {
 #[inline(always)]
 pub(super) fn trace_lane(
     isa: impl SimdLevel,
-    tree: &GroupTree,
+    tree: TreeView,
     packet: &mut RayPacket,
     lane: usize,
     query: Query,
@@ -128,7 +128,7 @@ impl SingleRay {
 #[inline(always)]
 fn traverse(
     isa: impl SimdLevel,
-    tree: &GroupTree,
+    tree: TreeView,
     ray: &Ray,
     query: Query,
     stack: &mut SingleStack,
@@ -193,7 +193,7 @@ fn traverse(
 #[inline(always)]
 fn enter(
     isa: impl SimdLevel,
-    tree: &GroupTree,
+    tree: TreeView,
     index: usize,
     state: &SingleRay,
     t_far: f32,
@@ -243,7 +243,7 @@ fn enter(
 
 /// Starts loading a node or a block.
 #[inline(always)]
-pub(super) fn prefetch(wide: impl WideLevel, tree: &GroupTree, child: ChildLink) {
+pub(super) fn prefetch(wide: impl WideLevel, tree: TreeView, child: ChildLink) {
     if child.is_leaf() {
         if let Some(block) = tree.blocks.get(child.index()) {
             wide.prefetch(block);
@@ -277,8 +277,8 @@ mod tests {
         let mut actual_blocked = expected.clone();
         brute.intersect(&mut expected, Coherence::Coherent);
         brute.occluded(&mut blocked, Coherence::Coherent);
-        trace(&tree, &mut actual, Query::Nearest);
-        trace(&tree, &mut actual_blocked, Query::Any);
+        trace(tree.view(), &mut actual, Query::Nearest);
+        trace(tree.view(), &mut actual_blocked, Query::Any);
         // Compare the hits, then which rays are blocked
         let mut hit_count = 0;
         for (a, b) in expected.iter().zip(&actual) {

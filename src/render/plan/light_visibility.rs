@@ -4,6 +4,8 @@
 //! the second, no point of the first has the second in front of the light. A convex object that is seen only from
 //! outside occludes no light for itself. Boxes are conservative, so a light found to be unoccluded is unoccluded.
 
+use std::cell::OnceCell;
+
 use glam::DVec3;
 
 use crate::numeric::Bounds;
@@ -40,7 +42,10 @@ impl LightVisibility {
 
 /// Instance with the data that the test needs.
 struct Object<'s> {
-    bounds: Bounds,
+    placed: &'s Instance,
+    geometry: &'s Geometry,
+    /// Bounding box in world space, once it was needed: that of a large mesh takes a pass over its triangles.
+    bounds: OnceCell<Bounds>,
     name: &'s str,
     /// Index of the instance in the scene.
     instance: u32,
@@ -81,7 +86,7 @@ fn of_light(light: &Light, objects: &[Object]) -> LightVisibility {
     }
     let lit: Vec<&Object> = objects
         .iter()
-        .filter(|object| light.lights(&object.bounds))
+        .filter(|object| light.reaches(|| *object.bounds()))
         .collect();
     if lit.is_empty() {
         return LightVisibility::none("nothing is within its range");
@@ -95,9 +100,9 @@ fn of_light(light: &Light, objects: &[Object]) -> LightVisibility {
         if object.hides_itself {
             return LightVisibility::some(format!("`{}` may hide it from itself", object.name));
         }
-        let swept = light.swept(&object.bounds, objects);
+        let swept = light.swept(object.bounds(), objects);
         let hiding = objects.iter().find(|other| {
-            !std::ptr::eq(*other, *object) && other.may_hide(light) && touch(&swept, &other.bounds)
+            !std::ptr::eq(*other, *object) && other.may_hide(light) && touch(&swept, other.bounds())
         });
         if let Some(other) = hiding {
             return LightVisibility::some(format!("`{}` may hide it from `{}`", other.name, object.name));
@@ -112,17 +117,17 @@ fn beam_of(light: &Light, objects: &[Object], scene: &Scene) -> Option<LightVisi
         return None;
     }
     let filled = scene.volumes.iter().filter(|volume| !volume.is_clear());
-    for volume in filled.filter(|volume| light.lights(&volume.bounds())) {
+    for volume in filled.filter(|volume| light.reaches(|| volume.bounds())) {
         let swept = light.swept(&volume.bounds(), objects);
-        let hides = |other: &&Object| other.may_hide(light) && touch(&swept, &other.bounds);
+        let hides = |other: &&Object| other.may_hide(light) && touch(&swept, other.bounds());
         if let Some(other) = objects.iter().find(hides) {
             let reason = format!("`{}` may hide it from volume `{}`", other.name, volume.name());
             return Some(LightVisibility::some(reason));
         }
     }
     // Fog is everywhere, also behind each object that the light reaches.
-    let hiding = objects.iter().find(|object| light.lights(&object.bounds));
-    let hiding = hiding.filter(|_| scene.has_fog())?;
+    let mut fogged = objects.iter().filter(|_| scene.has_fog());
+    let hiding = fogged.find(|object| light.reaches(|| *object.bounds()))?;
     Some(LightVisibility::some(format!(
         "`{}` may hide it from fog",
         hiding.name
@@ -133,15 +138,7 @@ impl<'s> Object<'s> {
     fn of(scene: &'s Scene, (instance, number): (&'s Instance, u32), camera: &Camera) -> Object<'s> {
         let geometry = &scene.geometries[instance.geometry as usize];
         let material = &scene.materials[instance.material as usize];
-        // Bound the object; unbounded shapes get an infinite box
-        let bounds = if geometry.is_unbounded() {
-            Bounds {
-                min: DVec3::NEG_INFINITY,
-                max: DVec3::INFINITY,
-            }
-        } else {
-            instance.world_bounds(geometry, &geometry.bounds())
-        };
+        let bounds = OnceCell::new();
         // Classify its shape and visibility
         let is_flat = matches!(
             geometry,
@@ -155,8 +152,11 @@ impl<'s> Object<'s> {
         let from_outside = !material.transmits()
             && material.translucent().is_none()
             && material.alpha == AlphaMode::Opaque
-            && !may_be_seen_from_inside(&bounds, camera);
+            && !(is_convex
+                && may_be_seen_from_inside(bounds.get_or_init(|| world_bounds(instance, geometry)), camera));
         Object {
+            placed: instance,
+            geometry,
             bounds,
             instance: number,
             name: if instance.name.is_empty() {
@@ -170,10 +170,27 @@ impl<'s> Object<'s> {
 }
 
 impl Object<'_> {
+    /// Returns the bounding box in world space.
+    fn bounds(&self) -> &Bounds {
+        self.bounds
+            .get_or_init(|| world_bounds(self.placed, self.geometry))
+    }
+
     /// Returns whether the object may occlude a light; a convex object that is the light itself may not.
     fn may_hide(&self, light: &Light) -> bool {
         self.hides_itself || light.emissive_instance() != Some(self.instance)
     }
+}
+
+/// Returns the bounding box of an object in world space; unbounded shapes have an infinite one.
+fn world_bounds(instance: &Instance, geometry: &Geometry) -> Bounds {
+    if geometry.is_unbounded() {
+        return Bounds {
+            min: DVec3::NEG_INFINITY,
+            max: DVec3::INFINITY,
+        };
+    }
+    instance.world_bounds(geometry, &geometry.bounds())
 }
 
 /// Returns whether camera rays may start inside the box.
@@ -203,8 +220,8 @@ fn may_be_seen_from_inside(bounds: &Bounds, camera: &Camera) -> bool {
 }
 
 impl Light {
-    /// Returns whether any light reaches the box.
-    fn lights(&self, bounds: &Bounds) -> bool {
+    /// Returns whether any light reaches a box, which is computed only if the light has a range.
+    fn reaches(&self, bounds: impl FnOnce() -> Bounds) -> bool {
         let (position, falloff) = match &self.kind {
             LightKind::Directional { .. } | LightKind::Area { .. } => return true,
             LightKind::Point { position, falloff }
@@ -218,7 +235,7 @@ impl Light {
                     min: position - *range,
                     max: position + *range,
                 };
-                touch(&reached, bounds)
+                touch(&reached, &bounds())
             }
             _ => true,
         }
@@ -249,7 +266,9 @@ impl Light {
                         .and_then(|instance| objects.get(instance as usize))
                 };
                 // Sweep to the bounds of an area light
-                let light = shape.bounds().or_else(|| of_object().map(|object| object.bounds));
+                let light = shape
+                    .bounds()
+                    .or_else(|| of_object().map(|object| *object.bounds()));
                 light.map_or(*bounds, |light| bounds.union(light))
             }
         }

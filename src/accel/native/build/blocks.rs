@@ -2,6 +2,7 @@
 
 use std::sync::Mutex;
 
+use crate::buffer::BufferMut;
 use crate::mesh::triangle::{PACK, TrianglePack};
 use crate::parallel;
 use glam::Vec3A;
@@ -19,8 +20,8 @@ const TASK: usize = 1 << 13;
 /// Trees of all chunks.
 pub(super) struct Forest {
     /// Nodes of the chunks, with room for those above them behind.
-    pub(super) nodes: Vec<NativeNode>,
-    pub(super) blocks: Vec<LeafBlock>,
+    pub(super) nodes: BufferMut<NativeNode>,
+    pub(super) blocks: BufferMut<LeafBlock>,
     pub(super) trees: Vec<ChunkTree>,
 }
 
@@ -49,14 +50,14 @@ pub(super) fn build(
     chunks: &[MortonChunk],
     margin: Margin,
 ) -> Forest {
-    // Allocate the blocks and nodes of all chunks; the allocator returns zeroed pages, which are not written here
+    // Allocate the blocks and nodes of all chunks; their pages are zeroed as each task comes to them
     let block_count = chunks.iter().map(block_count_of).sum();
     let node_count: usize = chunks
         .iter()
         .map(|chunk| max_node_count(block_count_of(chunk)))
         .sum();
-    let mut blocks: Vec<LeafBlock> = bytemuck::zeroed_vec(block_count);
-    let mut nodes: Vec<NativeNode> = bytemuck::zeroed_vec(node_count + max_node_count(chunks.len()));
+    let mut blocks = BufferMut::<LeafBlock>::zeroed(block_count);
+    let mut nodes = BufferMut::<NativeNode>::zeroed(node_count + max_node_count(chunks.len()));
     let empty = ChunkTree {
         root: ChildLink::EMPTY,
         bounds: Box4::EMPTY,

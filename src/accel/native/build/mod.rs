@@ -18,6 +18,7 @@ mod triangles;
 
 use crate::accel::morton;
 use crate::accel::native::layout::{Box3, ChildLink, GroupTree};
+use crate::buffer::BufferMut;
 use crate::mesh::Mesh;
 use blocks::Forest;
 use margin::Margin;
@@ -41,8 +42,8 @@ pub(super) fn build_tree(meshes: &[&Mesh]) -> Option<GroupTree> {
                 low: [0.0; 3],
                 high: [0.0; 3],
             },
-            nodes: Vec::new(),
-            blocks: Vec::new(),
+            nodes: BufferMut::default(),
+            blocks: BufferMut::default(),
         });
     }
     let bounds = triangles.vertex_bounds();

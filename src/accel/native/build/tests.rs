@@ -127,14 +127,14 @@ fn tree_does_not_depend_on_the_number_of_threads() {
         assert_eq!(tree.root, trees[0].root);
         let same = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits());
         assert_eq!(tree.nodes.len(), trees[0].nodes.len());
-        for (a, b) in tree.nodes.iter().zip(&trees[0].nodes) {
+        for (a, b) in tree.nodes.iter().zip(&*trees[0].nodes) {
             let flat = |n: &crate::accel::native::layout::NativeNode| {
                 n.bounds.as_flattened().as_flattened().to_vec()
             };
             assert!(a.children == b.children && same(&flat(a), &flat(b)));
         }
         assert_eq!(tree.blocks.len(), trees[0].blocks.len());
-        for (a, b) in tree.blocks.iter().zip(&trees[0].blocks) {
+        for (a, b) in tree.blocks.iter().zip(&*trees[0].blocks) {
             let flat = |n: &crate::accel::native::layout::LeafBlock| {
                 n.triangles.corners.as_flattened().as_flattened().to_vec()
             };

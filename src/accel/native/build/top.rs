@@ -10,7 +10,7 @@ use crate::accel::native::layout::{ChildLink, NativeNode};
 const BINS: usize = 16;
 
 /// Adds the nodes over all chunks behind those of the chunks, and returns the link to the root.
-pub(super) fn build(mut trees: Vec<ChunkTree>, nodes: &mut Vec<NativeNode>, margin: Margin) -> ChildLink {
+pub(super) fn build(mut trees: Vec<ChunkTree>, nodes: &mut [NativeNode], margin: Margin) -> ChildLink {
     // Bound all chunks
     let mut bounds = Box4::EMPTY;
     for tree in &trees {
@@ -25,11 +25,7 @@ pub(super) fn build(mut trees: Vec<ChunkTree>, nodes: &mut Vec<NativeNode>, marg
         trees: &mut trees,
         scratch: &mut scratch,
     };
-    let root = slots.add(&mut bins, &range, 0);
-    // Drop the nodes that were not needed
-    let used = first + slots.used();
-    nodes.truncate(used);
-    root
+    slots.add(&mut bins, &range, 0)
 }
 
 /// Trees of chunks, split where the sum of area times number of blocks is least among the borders of bins.

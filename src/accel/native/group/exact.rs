@@ -5,7 +5,7 @@
 //! division into groups. So every hit is computed again as the single-ray kernel computes it, sixteen at a time. Where
 //! the reference test misses the triangle, which at an edge it may, it hits a neighbour: the ray is traced alone.
 
-use crate::accel::native::layout::GroupTree;
+use crate::accel::native::layout::TreeView;
 use crate::accel::native::single::{SingleStack, trace_lane};
 use crate::accel::native::triangle_run::TriangleRun;
 use crate::accel::{LANES, Query, RayPacket};
@@ -20,7 +20,7 @@ use super::rays::{GroupRays, NO_HIT_NUMBER, SUBS};
 #[derive(Clone, Copy)]
 pub(super) struct ExactHits<'a, 's> {
     /// Tree that the group traversed.
-    pub(super) tree: &'a GroupTree,
+    pub(super) tree: TreeView<'a>,
     /// Instances of the tree's triangles, by their first numbers.
     pub(super) runs: &'a [TriangleRun<'s>],
 }
@@ -122,8 +122,8 @@ mod tests {
         }
         // Trace them in groups, and one at a time
         let mut actual = expected.clone();
-        intersect(&tree, &[TriangleRun::new(0, 0, &mesh)], &mut actual, origin);
-        single::trace(&tree, &mut expected, Query::Nearest);
+        intersect(tree.view(), &[TriangleRun::new(0, 0, &mesh)], &mut actual, origin);
+        single::trace(tree.view(), &mut expected, Query::Nearest);
         // Compare the bits, unless a ray through an edge hits the neighbour
         let (mut hit_count, mut tie_count) = (0, 0);
         for (a, b) in expected.iter().zip(&actual) {

@@ -1,6 +1,6 @@
 //! Kernel that divides packets into groups of similar directions, and traces each.
 
-use crate::accel::native::layout::{Box3, GroupTree};
+use crate::accel::native::layout::{Box3, TreeView};
 use crate::accel::native::single::{SingleStack, trace_lane};
 use crate::accel::{LANES, Query, RayPacket};
 use crate::mesh::simd::{Float8, SimdKernel, SimdLevel, lanes};
@@ -47,7 +47,7 @@ struct PacketRange {
 
 /// Queries for packets of rays with a common end or a common direction.
 pub(super) struct GroupKernel<'a, P> {
-    tree: &'a GroupTree,
+    tree: TreeView<'a>,
     packets: &'a mut [RayPacket],
     scratch: &'a mut Scratch,
     query: P,
@@ -56,7 +56,7 @@ pub(super) struct GroupKernel<'a, P> {
 impl<'a, P> GroupKernel<'a, P> {
     /// Prepares queries for rays that have in common what `query` states.
     pub(super) fn new(
-        tree: &'a GroupTree,
+        tree: TreeView<'a>,
         packets: &'a mut [RayPacket],
         query: P,
         scratch: &'a mut Scratch,
@@ -137,7 +137,7 @@ fn split(part: PacketRange, parts: &mut Vec<PacketRange>) {
 #[inline(always)]
 fn trace_singly<P: GroupQuery>(
     isa: impl SimdLevel,
-    tree: &GroupTree,
+    tree: TreeView,
     packets: &mut [RayPacket],
     pending: &[u32],
     scratch: &mut Scratch,
@@ -161,7 +161,7 @@ enum PartOutcome {
 
 /// Tree against which the rays of a part are traced.
 struct PartTracer<'a, P> {
-    tree: &'a GroupTree,
+    tree: TreeView<'a>,
     query: P,
 }
 

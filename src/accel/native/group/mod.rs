@@ -43,7 +43,7 @@ mod traverse;
 
 use std::cell::Cell;
 
-use crate::accel::native::layout::GroupTree;
+use crate::accel::native::layout::TreeView;
 use crate::accel::native::triangle_run::TriangleRun;
 use crate::accel::{RayEnd, RayPacket};
 use crate::mesh::simd::dispatch;
@@ -57,7 +57,7 @@ use query::{AnyToLight, GroupQuery, NearestFromOrigin};
 
 /// Finds the nearest hit of every active lane. All rays must start at `origin`, which should not lie on a surface: a
 /// hit as near as its own rounding error may be lost. `runs` are the meshes of the tree's triangles.
-pub(super) fn intersect(tree: &GroupTree, runs: &[TriangleRun], packets: &mut [RayPacket], origin: Vec3) {
+pub(super) fn intersect(tree: TreeView, runs: &[TriangleRun], packets: &mut [RayPacket], origin: Vec3) {
     let exact = ExactHits { tree, runs };
     trace(tree, packets, NearestFromOrigin { origin, exact });
 }
@@ -65,7 +65,7 @@ pub(super) fn intersect(tree: &GroupTree, runs: &[TriangleRun], packets: &mut [R
 /// Marks every active lane as blocked whose ray hits anything within its interval, ends included. All rays must have the
 /// end in common: pass through the point, up to rounding, at the end of their intervals or behind it, or have exactly the
 /// direction (others are traced one at a time). They may start at surfaces.
-pub(super) fn occluded(tree: &GroupTree, packets: &mut [RayPacket], end: RayEnd) {
+pub(super) fn occluded(tree: TreeView, packets: &mut [RayPacket], end: RayEnd) {
     match end {
         RayEnd::Point(target) => trace(tree, packets, AnyToLight(CommonEnd::Target(target))),
         RayEnd::Direction(direction) => trace(tree, packets, AnyToLight(CommonDirection(direction))),
@@ -73,7 +73,7 @@ pub(super) fn occluded(tree: &GroupTree, packets: &mut [RayPacket], end: RayEnd)
 }
 
 /// Runs the kernel of a query with the thread's scratch memory.
-fn trace<P: GroupQuery>(tree: &GroupTree, packets: &mut [RayPacket], query: P) {
+fn trace<P: GroupQuery>(tree: TreeView, packets: &mut [RayPacket], query: P) {
     thread_local! {
         static SCRATCH: Cell<Option<Box<Scratch>>> = const { Cell::new(None) };
     }

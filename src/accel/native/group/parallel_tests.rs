@@ -71,7 +71,7 @@ fn blocked_rays_along_a_direction_are_those_of_brute_force() {
                     let mut expected = along(direction, cube, size, &mut random);
                     let mut actual = expected.clone();
                     brute.occluded(&mut expected, Coherence::Coherent);
-                    occluded(&tree, &mut actual, RayEnd::Direction(direction));
+                    occluded(tree.view(), &mut actual, RayEnd::Direction(direction));
                     count_blocked(&expected, &actual, &mut counts);
                 }
             }
@@ -90,8 +90,8 @@ fn instruction_sets_give_the_same_bits_along_a_direction() {
             let mut b = a.clone();
             // Trace them without SIMD, and with the best instruction set
             let query = AnyToLight(CommonDirection(direction));
-            GroupKernel::new(&tree, &mut a, query, &mut Scratch::new()).run(Scalar);
-            occluded(&tree, &mut b, RayEnd::Direction(direction));
+            GroupKernel::new(tree.view(), &mut a, query, &mut Scratch::new()).run(Scalar);
+            occluded(tree.view(), &mut b, RayEnd::Direction(direction));
             for (a, b) in a.iter().zip(&b) {
                 for lane in 0..LANES {
                     assert_eq!(a.t_far[lane].to_bits(), b.t_far[lane].to_bits());
@@ -128,7 +128,7 @@ fn leaks_along(mesh: &Mesh, centre: Vec3, direction: Vec3, ray_count: usize, at_
                 }
             }
             first += 7919 * LANES;
-            occluded(&tree, &mut packets, RayEnd::Direction(direction));
+            occluded(tree.view(), &mut packets, RayEnd::Direction(direction));
             for packet in &packets {
                 let is_free = |&lane: &usize| packet.is_active(lane) && !packet.is_blocked(lane);
                 misses += (0..LANES).filter(is_free).count();

@@ -113,7 +113,7 @@ fn nearest_hits_are_those_of_brute_force() {
                 let mut expected = from_origin(origin, size, width, &mut random);
                 let mut actual = expected.clone();
                 brute.intersect(&mut expected, Coherence::Coherent);
-                intersect(&tree, &runs, &mut actual, origin);
+                intersect(tree.view(), &runs, &mut actual, origin);
                 for (a, b) in expected.iter().zip(&actual) {
                     for lane in 0..LANES {
                         let (Some(a), Some(b)) = (a.hit(lane), b.hit(lane)) else {
@@ -146,7 +146,7 @@ fn blocked_rays_are_those_of_brute_force() {
                 let mut expected = to_target(point, size, &mut random);
                 let mut actual = expected.clone();
                 brute.occluded(&mut expected, Coherence::Coherent);
-                occluded(&tree, &mut actual, RayEnd::Point(point));
+                occluded(tree.view(), &mut actual, RayEnd::Point(point));
                 count_blocked(&expected, &actual, &mut counts);
             }
         }
@@ -172,17 +172,17 @@ fn instruction_sets_give_the_same_bits() {
             match turn {
                 0 => {
                     let exact = ExactHits {
-                        tree: &tree,
+                        tree: tree.view(),
                         runs: &runs,
                     };
                     let query = NearestFromOrigin { origin: point, exact };
-                    GroupKernel::new(&tree, &mut a, query, &mut scratch).run(Scalar);
-                    intersect(&tree, &runs, &mut b, point);
+                    GroupKernel::new(tree.view(), &mut a, query, &mut scratch).run(Scalar);
+                    intersect(tree.view(), &runs, &mut b, point);
                 }
                 _ => {
                     let query = AnyToLight(CommonEnd::Target(point));
-                    GroupKernel::new(&tree, &mut a, query, &mut scratch).run(Scalar);
-                    occluded(&tree, &mut b, RayEnd::Point(point));
+                    GroupKernel::new(tree.view(), &mut a, query, &mut scratch).run(Scalar);
+                    occluded(tree.view(), &mut b, RayEnd::Point(point));
                 }
             }
             // Compare the bits
@@ -216,7 +216,12 @@ fn coordinates_out_of_range_are_traced_too() {
                 packet.direction[axis] = packet.direction[axis].map(|x| x * scale);
             }
         }
-        intersect(&tree, &[TriangleRun::new(0, 0, &mesh)], &mut packets, Vec3::ZERO);
+        intersect(
+            tree.view(),
+            &[TriangleRun::new(0, 0, &mesh)],
+            &mut packets,
+            Vec3::ZERO,
+        );
         for packet in &packets {
             for lane in 0..LANES {
                 assert_eq!(packet.hit(lane).is_some(), packet.is_active(lane));
@@ -251,8 +256,8 @@ fn leaks(mesh: &Mesh, origin: Vec3, ray_count: usize, at_edges: bool) -> usize {
             }
             first += 7919 * LANES;
             traced += size * LANES;
-            intersect(&tree, &[TriangleRun::new(0, 0, mesh)], &mut packets, origin);
-            occluded(&tree, &mut shadows, RayEnd::Point(origin));
+            intersect(tree.view(), &[TriangleRun::new(0, 0, mesh)], &mut packets, origin);
+            occluded(tree.view(), &mut shadows, RayEnd::Point(origin));
             for (packet, shadow) in packets.iter().zip(&shadows) {
                 for lane in 0..LANES {
                     misses += usize::from(packet.hit(lane).is_none()) + usize::from(!shadow.is_blocked(lane));
@@ -334,8 +339,8 @@ impl SurfaceRayCounts {
         let tree = build_tree(&[mesh]).unwrap();
         let mut actual = from_surface(mesh, end);
         let mut expected = actual.clone();
-        occluded(&tree, &mut actual, end);
-        single::trace(&tree, &mut expected, Query::Any);
+        occluded(tree.view(), &mut actual, end);
+        single::trace(tree.view(), &mut expected, Query::Any);
         for (a, b) in expected.iter().zip(&actual) {
             for lane in 0..LANES {
                 self.all += usize::from(a.is_active(lane));

@@ -9,7 +9,7 @@ use super::leaf::test_block;
 use super::projection::GroupProjection;
 use super::query::GroupQuery;
 use super::rays::{GroupRays, OFF};
-use crate::accel::native::layout::{ChildLink, GroupTree, NativeNode, STACK, WIDTH};
+use crate::accel::native::layout::{ChildLink, NativeNode, STACK, TreeView, WIDTH};
 use crate::accel::native::single::prefetch;
 
 /// Node or block that waits for its visit, with its least depth.
@@ -37,7 +37,7 @@ impl GroupStack {
 #[inline(always)]
 pub(super) fn traverse<W: WideLevel, P: GroupQuery>(
     wide: W,
-    tree: &GroupTree,
+    tree: TreeView,
     rays: &mut GroupRays,
     packets: &[RayPacket],
     stack: &mut GroupStack,
@@ -123,7 +123,7 @@ fn with_rays<W: WideLevel, J: GroupProjection>(
 #[inline(always)]
 fn push<W: WideLevel>(
     wide: W,
-    tree: &GroupTree,
+    tree: TreeView,
     node: &NativeNode,
     mask: u32,
     depths: &[f32; WIDTH],

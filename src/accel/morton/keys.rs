@@ -211,10 +211,11 @@ fn bucket_of(key: u64) -> usize {
 
 /// Computes the keys of a range of primitives and distributes them by their top digits.
 fn distributed(twice_centre: &impl Fn(usize) -> Vec3A, curve: &KeyCurve, range: Range<usize>) -> KeyPart {
-    // Compute the keys and count them by bucket
+    // Compute the keys, sixteen at a time, and count them by bucket
     let mut unsorted = Vec::with_capacity(range.len());
     let mut ends = vec![0u32; BUCKETS];
     for first in range.clone().step_by(LANES) {
+        // Gather sixteen centres; lanes behind the last one are left out
         let count = LANES.min(range.end - first);
         let mut centres = [[0.0; LANES]; 3];
         for lane in 0..count {

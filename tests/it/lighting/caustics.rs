@@ -146,13 +146,17 @@ fn plane_mirror_throws_the_light_of_the_mirror_image() {
 }
 
 /// Side in pixels of the images whose every pixel is compared with a closed form.
-const SIDE: usize = 512;
+pub(super) const SIDE: usize = 512;
 /// Exposure at which these images are displayed.
 const EXPOSURE: f64 = 0.2;
 
 /// Returns the closed form's mean irradiance in each pixel of a square of the floor of half-width `half` around `x` on the
 /// x axis: of even light, `landing` takes the points of a unit square to where they arrive, with their share of `flux`.
-fn landed([x, half]: [f64; 2], flux: f64, landing: impl Fn(f64, f64) -> Option<([f64; 2], f64)>) -> Vec<f64> {
+pub(super) fn landed(
+    [x, half]: [f64; 2],
+    flux: f64,
+    landing: impl Fn(f64, f64) -> Option<([f64; 2], f64)>,
+) -> Vec<f64> {
     const POINTS: usize = 8192;
     let side = SIDE as f64;
     let area = (2.0 * half / side).powi(2);

@@ -4,6 +4,7 @@ mod area_light_render;
 mod area_light_sampling;
 mod camera_formula;
 mod caustics;
+mod caustics_cost;
 mod caustics_photons;
 mod combined_sampling;
 mod emissive_objects;

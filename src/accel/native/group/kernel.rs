@@ -75,7 +75,7 @@ impl<P: GroupQuery> SimdKernel for GroupKernel<'_, P> {
 
     #[inline(always)]
     fn run<I: SimdLevel>(self, isa: I) {
-        let is_in_range = is_in_range(&self.tree.bounds, self.query.projection().fixed_point());
+        let is_in_range = is_in_range(self.tree.bounds, self.query.projection().fixed_point());
         let scratch = self.scratch;
         for packets in self.packets.chunks_mut(PACKETS) {
             // Collect the rays

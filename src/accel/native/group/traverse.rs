@@ -45,7 +45,7 @@ pub(super) fn traverse<W: WideLevel, P: GroupQuery>(
     if tree.root == ChildLink::EMPTY {
         return;
     }
-    let frustum = Frustum::new::<P::Projection>(rays, &tree.bounds);
+    let frustum = Frustum::new::<P::Projection>(rays, tree.bounds);
     let mut child = tree.root;
     let mut count = 0;
     loop {

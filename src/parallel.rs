@@ -136,7 +136,7 @@ pub fn for_each_chunk_mut<T: Send>(
 
 /// Returns `element(0..count)` in order, for elements that are cheap: there is one dynamic call per chunk of many.
 pub fn generate<T: Zeroable + Send>(count: usize, element: impl Fn(usize) -> T + Sync) -> Vec<T> {
-    // The allocator returns zeroed pages, which are not written here.
+    // The allocator returns zeroed pages, which are not written here; for alignments above 16 bytes it clears them itself.
     let mut elements: Vec<T> = bytemuck::zeroed_vec(count);
     for_each_chunk_mut(&mut elements, CHUNK, &|chunk, elements| {
         for (index, slot) in (chunk * CHUNK..).zip(elements) {

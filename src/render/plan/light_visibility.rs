@@ -138,7 +138,18 @@ impl<'s> Object<'s> {
     fn of(scene: &'s Scene, (instance, number): (&'s Instance, u32), camera: &Camera) -> Object<'s> {
         let geometry = &scene.geometries[instance.geometry as usize];
         let material = &scene.materials[instance.material as usize];
-        let bounds = OnceCell::new();
+        let object = Object {
+            placed: instance,
+            geometry,
+            bounds: OnceCell::new(),
+            instance: number,
+            name: if instance.name.is_empty() {
+                &material.name
+            } else {
+                &instance.name
+            },
+            hides_itself: true,
+        };
         // Classify its shape and visibility
         let is_flat = matches!(
             geometry,
@@ -149,48 +160,38 @@ impl<'s> Object<'s> {
             Geometry::Shape(Shape::Sphere(_) | Shape::Cube | Shape::Polyhedron(_))
         );
         // An opaque convex object that is seen from outside occludes no light for itself
-        let from_outside = !material.transmits()
-            && material.translucent().is_none()
-            && material.alpha == AlphaMode::Opaque
-            && !(is_convex
-                && may_be_seen_from_inside(bounds.get_or_init(|| world_bounds(instance, geometry)), camera));
+        let from_outside = || {
+            !material.transmits()
+                && material.translucent().is_none()
+                && material.alpha == AlphaMode::Opaque
+                && !may_be_seen_from_inside(object.bounds(), camera)
+        };
+        let hides_itself = !(is_flat || is_convex && from_outside());
         Object {
-            placed: instance,
-            geometry,
-            bounds,
-            instance: number,
-            name: if instance.name.is_empty() {
-                &material.name
-            } else {
-                &instance.name
-            },
-            hides_itself: !(is_flat || is_convex && from_outside),
+            hides_itself,
+            ..object
         }
     }
 }
 
 impl Object<'_> {
-    /// Returns the bounding box in world space.
+    /// Returns the bounding box in world space; unbounded shapes have an infinite one.
     fn bounds(&self) -> &Bounds {
-        self.bounds
-            .get_or_init(|| world_bounds(self.placed, self.geometry))
+        self.bounds.get_or_init(|| {
+            if self.geometry.is_unbounded() {
+                return Bounds {
+                    min: DVec3::NEG_INFINITY,
+                    max: DVec3::INFINITY,
+                };
+            }
+            self.placed.world_bounds(self.geometry, &self.geometry.bounds())
+        })
     }
 
     /// Returns whether the object may occlude a light; a convex object that is the light itself may not.
     fn may_hide(&self, light: &Light) -> bool {
         self.hides_itself || light.emissive_instance() != Some(self.instance)
     }
-}
-
-/// Returns the bounding box of an object in world space; unbounded shapes have an infinite one.
-fn world_bounds(instance: &Instance, geometry: &Geometry) -> Bounds {
-    if geometry.is_unbounded() {
-        return Bounds {
-            min: DVec3::NEG_INFINITY,
-            max: DVec3::INFINITY,
-        };
-    }
-    instance.world_bounds(geometry, &geometry.bounds())
 }
 
 /// Returns whether camera rays may start inside the box.

@@ -152,11 +152,7 @@ const EXPOSURE: f64 = 0.2;
 
 /// Returns the closed form's mean irradiance in each pixel of a square of the floor of half-width `half` around `x` on the
 /// x axis: of even light, `landing` takes the points of a unit square to where they arrive, with their share of `flux`.
-pub(super) fn landed(
-    [x, half]: [f64; 2],
-    flux: f64,
-    landing: impl Fn(f64, f64) -> Option<([f64; 2], f64)>,
-) -> Vec<f64> {
+fn landed([x, half]: [f64; 2], flux: f64, landing: impl Fn(f64, f64) -> Option<([f64; 2], f64)>) -> Vec<f64> {
     const POINTS: usize = 8192;
     let side = SIDE as f64;
     let area = (2.0 * half / side).powi(2);
@@ -178,6 +174,27 @@ pub(super) fn landed(
     image
 }
 
+/// Returns the displayed value of a radiance, as a part of white.
+pub(super) fn displayed(radiance: f64) -> f64 {
+    let value = radiance.clamp(0.0, 1.0);
+    if value <= 0.0031308 {
+        12.92 * value
+    } else {
+        1.055 * value.powf(1.0 / 2.4) - 0.055
+    }
+}
+
+/// Returns the closed form's irradiance that the inside of [`ring`] throws on each pixel of a square of the floor, as
+/// [`landed`] does.
+pub(super) fn thrown_by_ring(view: [f64; 2]) -> Vec<f64> {
+    landed(view, 4.0, |u, v| {
+        let [y, z] = [2.0 * u - 1.0, 2.0 * v];
+        let x = (1.0 - y * y).sqrt();
+        // The chord leads inside until it reaches the ring again
+        (z < 2.0 * x).then_some(([x - z * (1.0 - 2.0 * y * y), y - z * 2.0 * x * y], 1.0))
+    })
+}
+
 /// Returns the root mean square difference of displayed values between an image of the white floor and a closed form of its
 /// irradiance, over the pixels that `is_counted` takes by their position on the floor.
 fn displayed_rmse(
@@ -191,14 +208,7 @@ fn displayed_rmse(
         ..settings(SIDE as u32, 16)
     };
     let image = rendered(scene, &look_down_on(x, 0.0, half), &settings).image;
-    let shown = |irradiance: f64| {
-        let value = (EXPOSURE * irradiance).clamp(0.0, 1.0);
-        if value <= 0.0031308 {
-            12.92 * value
-        } else {
-            1.055 * value.powf(1.0 / 2.4) - 0.055
-        }
-    };
+    let shown = |irradiance: f64| displayed(EXPOSURE * irradiance);
     let (mut sum, mut count) = (0.0, 0);
     for (index, (pixel, exact)) in image.pixels.iter().zip(exact).enumerate() {
         let at = |i: usize| ((i as f64 + 0.5) / SIDE as f64 - 0.5) * 2.0 * half;
@@ -219,13 +229,7 @@ fn ring_is_displayed_within_a_hundredth_of_its_closed_form() {
     light.intensity = [to_light.z.recip() as f32; 3];
     scene.lights.push(light);
     let view = [0.25, 0.7];
-    let caustic = landed(view, 4.0, |u, v| {
-        let [y, z] = [2.0 * u - 1.0, 2.0 * v];
-        let x = (1.0 - y * y).sqrt();
-        // The chord leads inside until it reaches the ring again
-        (z < 2.0 * x).then_some(([x - z * (1.0 - 2.0 * y * y), y - z * 2.0 * x * y], 1.0))
-    });
-    let exact: Vec<f64> = caustic.iter().map(|caustic| 1.0 + caustic).collect();
+    let exact: Vec<f64> = thrown_by_ring(view).iter().map(|thrown| 1.0 + thrown).collect();
     let rmse = displayed_rmse(&scene, (view, 1), &exact, |x, y| x * x + y * y < 0.97);
     println!("ring: {rmse:.4}");
     assert!(rmse <= 0.01, "{rmse}");

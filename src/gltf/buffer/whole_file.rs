@@ -1,7 +1,8 @@
 //! Reading of whole files into memory.
 //!
 //! Files are read, not mapped: a mapped file that another program shortens ends the process by SIGBUS, and one that it
-//! rewrites changes indices after they were checked. The bytes lie in huge pages, which makes up for the copy.
+//! rewrites changes indices after they were checked. The bytes lie in huge pages where
+//! [`crate::buffer`] uses them, which makes up for the copy.
 
 use std::fs::{self, File, Metadata};
 use std::io;

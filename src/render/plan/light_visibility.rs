@@ -126,8 +126,10 @@ fn beam_of(light: &Light, objects: &[Object], scene: &Scene) -> Option<LightVisi
         }
     }
     // Fog is everywhere, also behind each object that the light reaches.
-    let mut fogged = objects.iter().filter(|_| scene.has_fog());
-    let hiding = fogged.find(|object| light.reaches(|| *object.bounds()))?;
+    if !scene.has_fog() {
+        return None;
+    }
+    let hiding = objects.iter().find(|object| light.reaches(|| *object.bounds()))?;
     Some(LightVisibility::some(format!(
         "`{}` may hide it from fog",
         hiding.name

@@ -3,4 +3,4 @@
 mod forecast;
 mod parameters;
 mod statistics;
-mod studies;
+pub mod studies;

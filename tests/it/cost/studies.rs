@@ -17,8 +17,13 @@ fn whit(args: &[&str]) -> Output {
 
 /// The study of a scene, small and quick.
 fn study(scene: &str, folder: &Path) -> Value {
+    study_of(scene, ["32x24", "4"], folder)
+}
+
+/// The study of a scene at a size and with a budget in seconds.
+pub fn study_of(scene: &str, [size, budget]: [&str; 2], folder: &Path) -> Value {
     let out = folder.to_str().unwrap();
-    let done = whit(&["cost", scene, "--size", "32x24", "--budget", "4", "--out", out]);
+    let done = whit(&["cost", scene, "--size", size, "--budget", budget, "--out", out]);
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
     serde_json::from_slice(&fs::read(folder.join("report.json")).unwrap()).unwrap()
 }

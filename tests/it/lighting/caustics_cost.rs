@@ -1,8 +1,6 @@
 //! Noise and bias of photons as `whit cost` reports them, against those to the closed form of a ring's caustic.
 
 use std::f64::consts::PI;
-use std::path::Path;
-use std::process::Command;
 
 use serde_json::Value;
 use whit::gltf::LoadOptions;
@@ -12,6 +10,7 @@ use whit::scene::Scene;
 use whit::scene_file;
 
 use super::caustics::{SIDE, displayed, thrown_by_ring};
+use crate::cost::studies::study_of;
 use crate::support::images::{rendered, settings};
 
 /// Half of a ring of radius 1 that mirrors, on a white floor, with light of irradiance 1 on the floor at an elevation of 45
@@ -124,17 +123,6 @@ fn errors_to(exact: &[f64], scene: &Scene, [photons, samples]: [u32; 2]) -> Erro
     }
 }
 
-/// Returns the report of `whit cost` on a scene file.
-fn study(file: &Path, folder: &Path) -> Value {
-    let done = Command::new(env!("CARGO_BIN_EXE_whit"))
-        .args(["cost", "--size", "64x64", "--budget", "12"])
-        .args([Path::new("--out"), folder, file])
-        .output()
-        .unwrap();
-    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
-    serde_json::from_slice(&std::fs::read(folder.join("report.json")).unwrap()).unwrap()
-}
-
 #[test]
 fn study_of_a_ring_has_the_noise_and_the_bias_of_photons_to_the_closed_form() {
     let folder = tempfile::tempdir().unwrap();
@@ -142,7 +130,11 @@ fn study_of_a_ring_has_the_noise_and_the_bias_of_photons_to_the_closed_form() {
     std::fs::write(&file, RING).unwrap();
     let scene = scene_file::load(&file, &LoadOptions::default()).unwrap().scene;
     let exact = closed_form();
-    let study = study(&file, &folder.path().join("study"));
+    let study = study_of(
+        file.to_str().unwrap(),
+        ["64x64", "12"],
+        &folder.path().join("study"),
+    );
     // The reference has four times the scene's photons, and a bias of its own
     let of_reference = errors_to(&exact, &scene, [4 * 65536, 4]).squared_bias.sqrt();
     let mut biases = Vec::new();

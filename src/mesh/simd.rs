@@ -6,15 +6,28 @@
 
 mod wide;
 
-pub use wide::{Float8, WideLevel};
+pub use wide::{Floats, LaneMask, RegisterPair, WideLevel};
+
+/// Eight f32 in a register of an instruction set.
+pub type Float8<I> = Floats<<I as SimdLevel>::Eight, 8>;
+/// Sixteen f32 in one or two registers of an instruction set.
+pub type Float16<I> = Floats<<I as SimdLevel>::Sixteen, 16>;
 
 /// Instruction set whose availability has been checked.
 pub trait SimdLevel: Copy {
-    /// Level of operations on registers of eight f32.
-    type Wide: WideLevel;
+    /// Level of operations on eight f32.
+    type Eight: WideLevel<8>;
+    /// Level of operations on sixteen f32.
+    type Sixteen: WideLevel<16>;
 
-    /// Returns the level of operations on registers of eight f32.
-    fn wide(self) -> Self::Wide;
+    /// Returns the level of operations on eight f32.
+    fn eight(self) -> Self::Eight;
+
+    /// Returns the level of operations on sixteen f32.
+    fn sixteen(self) -> Self::Sixteen;
+
+    /// Hints that `item` will be read soon.
+    fn prefetch<T>(self, item: &T);
 
     /// Flag for kernels that fall back to f64 where f32 cannot decide; false for [`F32Only`] alone.
     const IS_EXACT: bool = true;
@@ -107,12 +120,21 @@ pub(crate) fn div<const N: usize>(a: &[f32; N], b: &[f32; N]) -> [f32; N] {
 pub struct Scalar;
 
 impl SimdLevel for Scalar {
-    type Wide = Scalar;
+    type Eight = Scalar;
+    type Sixteen = RegisterPair<Scalar>;
 
     #[inline(always)]
-    fn wide(self) -> Scalar {
+    fn eight(self) -> Scalar {
         self
     }
+
+    #[inline(always)]
+    fn sixteen(self) -> RegisterPair<Scalar> {
+        RegisterPair(self)
+    }
+
+    #[inline(always)]
+    fn prefetch<T>(self, _item: &T) {}
 
     #[inline(always)]
     fn le<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32 {
@@ -170,11 +192,22 @@ pub struct F32Only<I>(pub I);
 impl<I: SimdLevel> SimdLevel for F32Only<I> {
     const IS_EXACT: bool = false;
     const HAS_SIXTEEN: bool = I::HAS_SIXTEEN;
-    type Wide = I::Wide;
+    type Eight = I::Eight;
+    type Sixteen = I::Sixteen;
 
     #[inline(always)]
-    fn wide(self) -> I::Wide {
-        self.0.wide()
+    fn eight(self) -> I::Eight {
+        self.0.eight()
+    }
+
+    #[inline(always)]
+    fn sixteen(self) -> I::Sixteen {
+        self.0.sixteen()
+    }
+
+    #[inline(always)]
+    fn prefetch<T>(self, item: &T) {
+        self.0.prefetch(item);
     }
 
     #[inline(always)]
@@ -217,12 +250,15 @@ impl<I: SimdLevel> SimdLevel for F32Only<I> {
 
 #[cfg(target_arch = "x86_64")]
 mod x86 {
-    use std::arch::x86_64::{_CMP_EQ_OQ, _CMP_LE_OQ, _CMP_LT_OQ};
+    use std::arch::x86_64::{_CMP_EQ_OQ, _CMP_LE_OQ, _CMP_LT_OQ, _MM_HINT_T0};
 
     use bytemuck::cast;
     use pulp::x86::{V3, V4};
 
-    use super::SimdLevel;
+    use super::{RegisterPair, SimdLevel};
+
+    /// Size of a cache line in bytes.
+    const LINE: usize = 64;
 
     /// Computation with the instruction set that it is to be compiled for.
     pub(super) struct DispatchedKernel<I, W>(pub(super) I, pub(super) W);
@@ -250,11 +286,26 @@ mod x86 {
     }
 
     impl SimdLevel for V3 {
-        type Wide = V3;
+        type Eight = V3;
+        type Sixteen = RegisterPair<V3>;
 
         #[inline(always)]
-        fn wide(self) -> V3 {
+        fn eight(self) -> V3 {
             self
+        }
+
+        #[inline(always)]
+        fn sixteen(self) -> RegisterPair<V3> {
+            RegisterPair(self)
+        }
+
+        #[inline(always)]
+        fn prefetch<T>(self, item: &T) {
+            let start: *const i8 = std::ptr::from_ref(item).cast();
+            for line in 0..size_of::<T>().div_ceil(LINE) {
+                self.sse
+                    ._mm_prefetch::<_MM_HINT_T0>(start.wrapping_add(line * LINE));
+            }
         }
 
         #[inline(always)]
@@ -359,11 +410,22 @@ mod x86 {
 
     impl SimdLevel for V4 {
         const HAS_SIXTEEN: bool = true;
-        type Wide = V3;
+        type Eight = V3;
+        type Sixteen = V4;
 
         #[inline(always)]
-        fn wide(self) -> V3 {
+        fn eight(self) -> V3 {
             *self
+        }
+
+        #[inline(always)]
+        fn sixteen(self) -> V4 {
+            self
+        }
+
+        #[inline(always)]
+        fn prefetch<T>(self, item: &T) {
+            (*self).prefetch(item);
         }
 
         #[inline(always)]

@@ -90,14 +90,15 @@ impl Cloud {
         }
         // Evaluate the noise
         let unfiltered = [0.0; N];
-        let noise = match self.shape {
-            CloudShape::Plume => turbulence(&q, self.octaves, &unfiltered).map(|sum| 2.0 * sum - 0.5),
-            _ => fractal(&q, self.octaves, &unfiltered).map(|sum| 2.0 * sum),
+        let (noise, offset) = match self.shape {
+            CloudShape::Plume => (turbulence(&q, self.octaves, &unfiltered), -0.5),
+            _ => (fractal(&q, self.octaves, &unfiltered), 0.0),
         };
         // Subtract the threshold and rescale
         let mut densities = [0.0; N];
         for l in 0..N {
-            let rough = means[l] * (1.0 + self.roughness * noise[l]) - self.threshold;
+            let noise = 2.0 * noise[l] + offset;
+            let rough = means[l] * (1.0 + self.roughness * noise) - self.threshold;
             let density = (rough / (1.0 - self.threshold).max(f64::EPSILON)).clamp(0.0, 1.0);
             densities[l] = if means[l] <= 0.0 { 0.0 } else { density };
         }
@@ -121,7 +122,10 @@ impl CloudShape {
             }
             CloudShape::Plume => {
                 // Low-frequency noise, stretched along y, displaces the axis in proportion to the height
-                let stretched = q[1].map(|y| 0.35 * y);
+                let mut stretched = [0.0; N];
+                for l in 0..N {
+                    stretched[l] = 0.35 * q[1][l];
+                }
                 let (near, far) = ([3.5; N], [7.5; N]);
                 let unfiltered = [0.0; N];
                 let sway_x = fractal(&[far, stretched, near], 2, &unfiltered);

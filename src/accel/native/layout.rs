@@ -21,8 +21,8 @@ pub(super) struct ChildLink(u32);
 impl ChildLink {
     /// Flag of a link to a block.
     const LEAF: u32 = 1 << 31;
-    /// Maximum number of nodes, and of blocks.
-    pub(super) const LIMIT: usize = ChildLink::LEAF as usize - 1;
+    /// Maximum number of nodes, and of blocks: slots of the triangles in blocks are numbered by u32, too.
+    pub(super) const LIMIT: usize = u32::MAX as usize / PACK;
     /// Link of an unused slot.
     pub(super) const EMPTY: ChildLink = ChildLink(u32::MAX);
 
@@ -132,6 +132,33 @@ pub(super) struct TreeView<'t> {
     pub(super) nodes: &'t [NativeNode],
     /// Leaves of the tree.
     pub(super) blocks: &'t [LeafBlock],
+}
+
+/// Triangle of a leaf.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SlotTriangle {
+    /// Running index over all meshes.
+    pub(super) number: u32,
+    /// Vertices by corner and axis.
+    pub(super) corners: [[f32; 3]; 3],
+}
+
+impl TreeView<'_> {
+    /// Returns the number of the slot of triangle `i` of a block.
+    #[inline(always)]
+    pub(super) fn slot(block: usize, i: usize) -> u32 {
+        (PACK * block + i) as u32
+    }
+
+    /// Returns the triangle in the slot of a number.
+    #[inline(always)]
+    pub(super) fn triangle_at(&self, slot: u32) -> SlotTriangle {
+        let (block, i) = (&self.blocks[slot as usize / PACK], slot as usize % PACK);
+        SlotTriangle {
+            number: block.numbers[i],
+            corners: block.triangles.triangle(i),
+        }
+    }
 }
 
 #[cfg(test)]

@@ -38,7 +38,7 @@ pub struct NativeAccel<'s> {
     /// Leaves of the tree if it is small.
     small: Option<SmallTree>,
     /// Instances of the triangles, in the order of their numbers.
-    runs: Vec<TriangleRun<'s>>,
+    runs: Vec<TriangleRun>,
     others: Others<'s>,
     kernel: Kernel,
     report: AccelReport,
@@ -67,7 +67,8 @@ impl<'s> NativeAccel<'s> {
             match &scene.geometries[instance.geometry as usize] {
                 Geometry::Mesh(mesh) if instance.is_identity() => {
                     let first = u32::try_from(count).map_err(|_| AccelError::OutOfMemory)?;
-                    runs.push(TriangleRun::new(first, index as u32, mesh));
+                    let instance = index as u32;
+                    runs.push(TriangleRun { first, instance });
                     count += mesh.triangles.len();
                     meshes.push(mesh);
                 }
@@ -106,7 +107,7 @@ impl<'s> NativeAccel<'s> {
         let Some(origin) = common_origin.filter(|_| is_grouped) else {
             return false;
         };
-        group::intersect(self.triangles.view(), &self.runs, packets, origin);
+        group::intersect(self.triangles.view(), packets, origin);
         self.complete(packets, order);
         true
     }
@@ -235,12 +236,12 @@ impl SimdKernel for QueryStart<'_> {
 }
 
 /// Packets whose hits have numbers of triangles, which are to be replaced by their instances and indices.
-struct HitNames<'a, 's> {
-    runs: &'a [TriangleRun<'s>],
+struct HitNames<'a> {
+    runs: &'a [TriangleRun],
     packets: &'a mut [RayPacket],
 }
 
-impl SimdKernel for HitNames<'_, '_> {
+impl SimdKernel for HitNames<'_> {
     type Output = ();
 
     #[inline(always)]

@@ -85,7 +85,7 @@ fn trace_together(
     query: Query,
     memory: &mut TraversalMemory,
 ) {
-    let mut rays = PacketRays::new(isa, packet, active);
+    let mut rays = PacketRays::new(packet, active);
     rays.traverse(isa, tree, query, memory);
     rays.write(packet, query);
 }
@@ -145,10 +145,10 @@ struct PacketRays {
 
 impl PacketRays {
     #[inline(always)]
-    fn new(isa: impl SimdLevel, packet: &RayPacket, active: u32) -> PacketRays {
+    fn new(packet: &RayPacket, active: u32) -> PacketRays {
         // Prepare the rays for the tests of boxes and triangles
         let [enter, leave] = Line::reciprocals(&packet.direction);
-        let shears = ShearLanes::of_each(isa, &packet.origin, &packet.direction);
+        let shears = ShearLanes::of_each(&packet.origin, &packet.direction);
         // Give the other lanes an empty interval
         let mut t = [f32::NEG_INFINITY; LANES];
         for lane in 0..LANES {

@@ -4,7 +4,7 @@
 
 use crate::accel::bsp::error_bounds::Line;
 use crate::accel::{Hit, LANES, Query, RayPacket};
-use crate::mesh::simd::{Float8, SimdKernel, SimdLevel, WideLevel, dispatch, lanes};
+use crate::mesh::simd::{Floats, SimdKernel, SimdLevel, dispatch, lanes};
 use crate::mesh::triangle::{PACK, Shear};
 use crate::numeric::Ray;
 
@@ -202,17 +202,17 @@ fn enter(
 ) -> usize {
     // Intersect the ray with the eight boxes by the slab method
     let node = &tree.nodes[index];
-    let wide = isa.wide();
-    let mut near = Float8::splat(wide, state.t_near);
-    let mut far = Float8::splat(wide, t_far);
+    let eight = isa.eight();
+    let mut near = Floats::splat(eight, state.t_near);
+    let mut far = Floats::splat(eight, t_far);
     for axis in 0..3 {
         let first = state.first[axis] & 1;
-        let origin = Float8::splat(wide, state.line.origin[axis]);
-        let enter = Float8::splat(wide, state.line.enter[axis]);
-        let leave = Float8::splat(wide, state.line.leave[axis]);
+        let origin = Floats::splat(eight, state.line.origin[axis]);
+        let enter = Floats::splat(eight, state.line.enter[axis]);
+        let leave = Floats::splat(eight, state.line.leave[axis]);
         // NaN, from a ray within a face, leaves the interval unchanged.
-        near = ((Float8::load(wide, &node.bounds[first][axis]) - origin) * enter).max(near);
-        far = ((Float8::load(wide, &node.bounds[1 - first][axis]) - origin) * leave).min(far);
+        near = ((Floats::load(eight, &node.bounds[first][axis]) - origin) * enter).max(near);
+        far = ((Floats::load(eight, &node.bounds[1 - first][axis]) - origin) * leave).min(far);
     }
     let mask = near.le(far).bits();
     if mask == 0 {
@@ -226,7 +226,7 @@ fn enter(
     let mut count = 0;
     for slot in lanes(mask) {
         let slot = slot % WIDTH;
-        prefetch(wide, tree, node.children[slot]);
+        prefetch(isa, tree, node.children[slot]);
         let mut position = count;
         while position > 0 && slots[position - 1].t < near[slot] {
             slots[position] = slots[position - 1];
@@ -243,13 +243,13 @@ fn enter(
 
 /// Starts loading a node or a block.
 #[inline(always)]
-pub(super) fn prefetch(wide: impl WideLevel, tree: TreeView, child: ChildLink) {
+pub(super) fn prefetch(isa: impl SimdLevel, tree: TreeView, child: ChildLink) {
     if child.is_leaf() {
         if let Some(block) = tree.blocks.get(child.index()) {
-            wide.prefetch(block);
+            isa.prefetch(block);
         }
     } else if let Some(node) = tree.nodes.get(child.index()) {
-        wide.prefetch(node);
+        isa.prefetch(node);
     }
 }
 

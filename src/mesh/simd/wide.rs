@@ -1,22 +1,24 @@
-//! Eight f32 in a register, with the operators of f32.
+//! Eight or sixteen f32 in a register, with the operators of f32.
 //!
 //! Most kernels are loops over arrays, which the compiler vectorises. Where the loop is a long chain of comparisons,
-//! selections and reductions it does not; such kernels are written with [`Float8`]. No operation fuses a product with a
+//! selections and reductions it does not; such kernels are written with [`Floats`]. No operation fuses a product with a
 //! sum, and all levels return identical bits.
 
 use std::ops::{Add, BitAnd, BitOr, BitXor, Div, Mul, Sub};
 
 use super::Scalar;
 
-/// Operations on registers of eight f32. A mask is a register whose lanes have all bits set or none.
-pub trait WideLevel: Copy {
-    /// Register of eight f32.
+/// Operations on registers of `N` f32.
+pub trait WideLevel<const N: usize>: Copy {
+    /// Register of `N` f32.
     type Register: Copy;
+    /// Truth value of each lane.
+    type Mask: Copy;
 
     /// Returns a register with the values of an array.
-    fn load(self, values: &[f32; 8]) -> Self::Register;
+    fn load(self, values: &[f32; N]) -> Self::Register;
     /// Returns the values of a register.
-    fn store(self, a: Self::Register) -> [f32; 8];
+    fn store(self, a: Self::Register) -> [f32; N];
     /// Returns a register whose lanes are all `value`.
     fn splat(self, value: f32) -> Self::Register;
     /// Returns `a + b`.
@@ -33,42 +35,53 @@ pub trait WideLevel: Copy {
     fn max(self, a: Self::Register, b: Self::Register) -> Self::Register;
     /// Returns the bits that are set in both.
     fn and(self, a: Self::Register, b: Self::Register) -> Self::Register;
-    /// Returns the bits that are set in either.
-    fn or(self, a: Self::Register, b: Self::Register) -> Self::Register;
     /// Returns the bits that are set in exactly one.
     fn xor(self, a: Self::Register, b: Self::Register) -> Self::Register;
-    /// Returns the mask of `a <= b`; clear for NaN.
-    fn le(self, a: Self::Register, b: Self::Register) -> Self::Register;
-    /// Returns the mask of `a < b`; clear for NaN.
-    fn lt(self, a: Self::Register, b: Self::Register) -> Self::Register;
-    /// Returns the mask of `a == b`; clear for NaN.
-    fn eq(self, a: Self::Register, b: Self::Register) -> Self::Register;
-    /// Returns the mask of `a < b` for lanes that hold the bits of an i32.
-    fn lt_i32(self, a: Self::Register, b: Self::Register) -> Self::Register;
-    /// Returns the lanes of `yes` where the sign bit of `mask` is set, those of `no` elsewhere.
-    fn select(self, mask: Self::Register, yes: Self::Register, no: Self::Register) -> Self::Register;
+    /// Returns whether `a <= b`; false for NaN.
+    fn le(self, a: Self::Register, b: Self::Register) -> Self::Mask;
+    /// Returns whether `a < b`; false for NaN.
+    fn lt(self, a: Self::Register, b: Self::Register) -> Self::Mask;
+    /// Returns whether `a == b`; false for NaN.
+    fn eq(self, a: Self::Register, b: Self::Register) -> Self::Mask;
+    /// Returns whether `a < b` for lanes that hold the bits of an i32.
+    fn lt_i32(self, a: Self::Register, b: Self::Register) -> Self::Mask;
+    /// Returns whether the bits of `a` and `b` are the same.
+    fn eq_bits(self, a: Self::Register, b: Self::Register) -> Self::Mask;
+    /// Returns whether both are true.
+    fn both(self, a: Self::Mask, b: Self::Mask) -> Self::Mask;
+    /// Returns whether at least one is true.
+    fn either(self, a: Self::Mask, b: Self::Mask) -> Self::Mask;
+    /// Returns the lanes of `yes` where the mask is true, those of `no` elsewhere.
+    fn select(self, mask: Self::Mask, yes: Self::Register, no: Self::Register) -> Self::Register;
+    /// Returns the truth values: bit `i` is that of lane `i`.
+    fn bits(self, mask: Self::Mask) -> u32;
+    /// Returns the mask whose lane `i` is true where bit `i` is set.
+    fn mask_of(self, bits: u32) -> Self::Mask;
     /// Returns the sign bits: bit `i` is that of lane `i`.
-    fn bits(self, a: Self::Register) -> u32;
-    /// Returns the mask whose lane `i` is set where bit `i` is.
-    fn mask_of(self, bits: u32) -> Self::Register;
+    fn signs(self, a: Self::Register) -> u32;
     /// Returns the smallest lane; there must be no NaN.
     fn min_lane(self, a: Self::Register) -> f32;
     /// Returns the greatest lane; there must be no NaN.
     fn max_lane(self, a: Self::Register) -> f32;
-    /// Hints that `item` will be read soon.
-    fn prefetch<T>(self, item: &T);
 }
 
-/// Eight f32 in a register.
+/// Several f32 in a register.
 #[derive(Clone, Copy)]
-pub struct Float8<W: WideLevel> {
+pub struct Floats<W: WideLevel<N>, const N: usize> {
     level: W,
     register: W::Register,
 }
 
+/// Truth values of the lanes of [`Floats`].
+#[derive(Clone, Copy)]
+pub struct LaneMask<W: WideLevel<N>, const N: usize> {
+    level: W,
+    mask: W::Mask,
+}
+
 macro_rules! operator {
     ($Operator:ident, $method:ident, $of_level:ident) => {
-        impl<W: WideLevel> $Operator for Float8<W> {
+        impl<W: WideLevel<N>, const N: usize> $Operator for Floats<W, N> {
             type Output = Self;
 
             #[inline(always)]
@@ -83,53 +96,82 @@ operator!(Add, add, add);
 operator!(Sub, sub, sub);
 operator!(Mul, mul, mul);
 operator!(Div, div, div);
-operator!(BitAnd, bitand, and);
-operator!(BitOr, bitor, or);
 operator!(BitXor, bitxor, xor);
 
-impl<W: WideLevel> Float8<W> {
+impl<W: WideLevel<N>, const N: usize> BitAnd for LaneMask<W, N> {
+    type Output = Self;
+
+    #[inline(always)]
+    fn bitand(self, other: Self) -> Self {
+        self.with(self.level.both(self.mask, other.mask))
+    }
+}
+
+impl<W: WideLevel<N>, const N: usize> BitOr for LaneMask<W, N> {
+    type Output = Self;
+
+    #[inline(always)]
+    fn bitor(self, other: Self) -> Self {
+        self.with(self.level.either(self.mask, other.mask))
+    }
+}
+
+impl<W: WideLevel<N>, const N: usize> LaneMask<W, N> {
+    #[inline(always)]
+    fn with(self, mask: W::Mask) -> Self {
+        LaneMask { mask, ..self }
+    }
+
+    /// Returns the mask whose lane `i` is true where bit `i` is set.
+    #[inline(always)]
+    pub fn of_bits(level: W, bits: u32) -> Self {
+        let mask = level.mask_of(bits);
+        LaneMask { level, mask }
+    }
+
+    /// Returns the truth values: bit `i` is that of lane `i`.
+    #[inline(always)]
+    pub fn bits(self) -> u32 {
+        self.level.bits(self.mask)
+    }
+
+    /// Returns the lanes of `yes` where the mask is true, those of `no` elsewhere.
+    #[inline(always)]
+    pub fn select(self, yes: Floats<W, N>, no: Floats<W, N>) -> Floats<W, N> {
+        yes.with(self.level.select(self.mask, yes.register, no.register))
+    }
+}
+
+impl<W: WideLevel<N>, const N: usize> Floats<W, N> {
     #[inline(always)]
     fn with(self, register: W::Register) -> Self {
-        Float8 { register, ..self }
+        Floats { register, ..self }
+    }
+
+    #[inline(always)]
+    fn mask(self, mask: W::Mask) -> LaneMask<W, N> {
+        let level = self.level;
+        LaneMask { level, mask }
     }
 
     /// Returns the values of an array.
     #[inline(always)]
-    pub fn load(level: W, values: &[f32; 8]) -> Self {
+    pub fn load(level: W, values: &[f32; N]) -> Self {
         let register = level.load(values);
-        Float8 { level, register }
+        Floats { level, register }
     }
 
-    /// Returns eight times the same value.
+    /// Returns the same value in all lanes.
     #[inline(always)]
     pub fn splat(level: W, value: f32) -> Self {
         let register = level.splat(value);
-        Float8 { level, register }
-    }
-
-    /// Returns the bits of eight u32 as lanes.
-    #[inline(always)]
-    pub fn load_u32(level: W, values: &[u32; 8]) -> Self {
-        Float8::load(level, bytemuck::cast_ref(values))
-    }
-
-    /// Returns the mask whose lane `i` is set where bit `i` is.
-    #[inline(always)]
-    pub fn mask_of(level: W, bits: u32) -> Self {
-        let register = level.mask_of(bits);
-        Float8 { level, register }
+        Floats { level, register }
     }
 
     /// Returns the values as an array.
     #[inline(always)]
-    pub fn to_array(self) -> [f32; 8] {
+    pub fn to_array(self) -> [f32; N] {
         self.level.store(self.register)
-    }
-
-    /// Returns the bits of the lanes as u32.
-    #[inline(always)]
-    pub fn to_u32s(self) -> [u32; 8] {
-        bytemuck::cast(self.to_array())
     }
 
     /// Returns the smaller lanes; those of `other` where either is NaN or both are zero.
@@ -147,49 +189,50 @@ impl<W: WideLevel> Float8<W> {
     /// Returns the magnitudes of the lanes.
     #[inline(always)]
     pub fn abs(self) -> Self {
-        self & Float8::splat(self.level, f32::from_bits(0x7fff_ffff))
+        let magnitude = self.level.splat(f32::from_bits(0x7fff_ffff));
+        self.with(self.level.and(self.register, magnitude))
     }
 
     /// Returns the sign bits alone.
     #[inline(always)]
     pub fn sign(self) -> Self {
-        self & Float8::splat(self.level, -0.0)
+        self.with(self.level.and(self.register, self.level.splat(-0.0)))
     }
 
-    /// Returns the mask of `self <= other`; clear for NaN.
+    /// Returns the sign bits: bit `i` is that of lane `i`.
     #[inline(always)]
-    pub fn le(self, other: Self) -> Self {
-        self.with(self.level.le(self.register, other.register))
+    pub fn signs(self) -> u32 {
+        self.level.signs(self.register)
     }
 
-    /// Returns the mask of `self < other`; clear for NaN.
+    /// Returns whether `self <= other`; false for NaN.
     #[inline(always)]
-    pub fn lt(self, other: Self) -> Self {
-        self.with(self.level.lt(self.register, other.register))
+    pub fn le(self, other: Self) -> LaneMask<W, N> {
+        self.mask(self.level.le(self.register, other.register))
     }
 
-    /// Returns the mask of `self == other`; clear for NaN.
+    /// Returns whether `self < other`; false for NaN.
     #[inline(always)]
-    pub fn eq(self, other: Self) -> Self {
-        self.with(self.level.eq(self.register, other.register))
+    pub fn lt(self, other: Self) -> LaneMask<W, N> {
+        self.mask(self.level.lt(self.register, other.register))
     }
 
-    /// Returns the mask of `self < other` for lanes that hold the bits of an i32.
+    /// Returns whether `self == other`; false for NaN.
     #[inline(always)]
-    pub fn lt_i32(self, other: Self) -> Self {
-        self.with(self.level.lt_i32(self.register, other.register))
+    pub fn eq(self, other: Self) -> LaneMask<W, N> {
+        self.mask(self.level.eq(self.register, other.register))
     }
 
-    /// Returns, for a mask, the lanes of `yes` where it is set and those of `no` elsewhere.
+    /// Returns whether `self < other` for lanes that hold the bits of an i32.
     #[inline(always)]
-    pub fn select(self, yes: Self, no: Self) -> Self {
-        self.with(self.level.select(self.register, yes.register, no.register))
+    pub fn lt_i32(self, other: Self) -> LaneMask<W, N> {
+        self.mask(self.level.lt_i32(self.register, other.register))
     }
 
-    /// Returns the sign bits: for a mask, bit `i` says whether lane `i` is set.
+    /// Returns whether the bits of both are the same.
     #[inline(always)]
-    pub fn bits(self) -> u32 {
-        self.level.bits(self.register)
+    pub fn eq_bits(self, other: Self) -> LaneMask<W, N> {
+        self.mask(self.level.eq_bits(self.register, other.register))
     }
 
     /// Returns the smallest lane; there must be no NaN.
@@ -217,9 +260,16 @@ macro_rules! each_lane {
     }};
 }
 
-#[inline(always)]
-fn mask_lane(is_set: bool) -> f32 {
-    f32::from_bits(if is_set { u32::MAX } else { 0 })
+/// Compares each lane of two arrays.
+macro_rules! compare_lanes {
+    ($a:ident, $b:ident, $value:expr) => {{
+        let mut out = [false; 8];
+        for i in 0..8 {
+            let ($a, $b) = ($a[i], $b[i]);
+            out[i] = $value;
+        }
+        out
+    }};
 }
 
 #[inline(always)]
@@ -234,8 +284,9 @@ fn greatest(a: f32, b: f32) -> f32 {
 
 // Comparisons and operations on bits are calls: inlined in a kernel they would be thousands of scalar instructions, which
 // take minutes to compile.
-impl WideLevel for Scalar {
+impl WideLevel<8> for Scalar {
     type Register = [f32; 8];
+    type Mask = [bool; 8];
 
     #[inline(always)]
     fn load(self, values: &[f32; 8]) -> [f32; 8] {
@@ -278,52 +329,68 @@ impl WideLevel for Scalar {
         each_lane!(a, b, f32::from_bits(a.to_bits() & b.to_bits()))
     }
     #[inline(never)]
-    fn or(self, a: [f32; 8], b: [f32; 8]) -> [f32; 8] {
-        each_lane!(a, b, f32::from_bits(a.to_bits() | b.to_bits()))
-    }
-    #[inline(never)]
     fn xor(self, a: [f32; 8], b: [f32; 8]) -> [f32; 8] {
         each_lane!(a, b, f32::from_bits(a.to_bits() ^ b.to_bits()))
     }
     #[inline(never)]
-    fn le(self, a: [f32; 8], b: [f32; 8]) -> [f32; 8] {
-        each_lane!(a, b, mask_lane(a <= b))
+    fn le(self, a: [f32; 8], b: [f32; 8]) -> [bool; 8] {
+        compare_lanes!(a, b, a <= b)
     }
     #[inline(never)]
-    fn lt(self, a: [f32; 8], b: [f32; 8]) -> [f32; 8] {
-        each_lane!(a, b, mask_lane(a < b))
+    fn lt(self, a: [f32; 8], b: [f32; 8]) -> [bool; 8] {
+        compare_lanes!(a, b, a < b)
     }
     #[inline(never)]
-    fn eq(self, a: [f32; 8], b: [f32; 8]) -> [f32; 8] {
-        each_lane!(a, b, mask_lane(a == b))
+    fn eq(self, a: [f32; 8], b: [f32; 8]) -> [bool; 8] {
+        compare_lanes!(a, b, a == b)
     }
     #[inline(never)]
-    fn lt_i32(self, a: [f32; 8], b: [f32; 8]) -> [f32; 8] {
-        each_lane!(a, b, mask_lane((a.to_bits() as i32) < b.to_bits() as i32))
+    fn lt_i32(self, a: [f32; 8], b: [f32; 8]) -> [bool; 8] {
+        compare_lanes!(a, b, (a.to_bits() as i32) < b.to_bits() as i32)
     }
     #[inline(never)]
-    fn select(self, mask: [f32; 8], yes: [f32; 8], no: [f32; 8]) -> [f32; 8] {
+    fn eq_bits(self, a: [f32; 8], b: [f32; 8]) -> [bool; 8] {
+        compare_lanes!(a, b, a.to_bits() == b.to_bits())
+    }
+    #[inline(never)]
+    fn both(self, a: [bool; 8], b: [bool; 8]) -> [bool; 8] {
+        compare_lanes!(a, b, a & b)
+    }
+    #[inline(never)]
+    fn either(self, a: [bool; 8], b: [bool; 8]) -> [bool; 8] {
+        compare_lanes!(a, b, a | b)
+    }
+    #[inline(never)]
+    fn select(self, mask: [bool; 8], yes: [f32; 8], no: [f32; 8]) -> [f32; 8] {
         let mut out = no;
         for i in 0..8 {
-            out[i] = if mask[i].is_sign_negative() { yes[i] } else { no[i] };
+            out[i] = if mask[i] { yes[i] } else { no[i] };
         }
         out
     }
     #[inline(never)]
-    fn bits(self, a: [f32; 8]) -> u32 {
+    fn bits(self, mask: [bool; 8]) -> u32 {
+        let mut bits = 0;
+        for i in 0..8 {
+            bits |= u32::from(mask[i]) << i;
+        }
+        bits
+    }
+    #[inline(never)]
+    fn mask_of(self, bits: u32) -> [bool; 8] {
+        let mut out = [false; 8];
+        for i in 0..8 {
+            out[i] = bits >> i & 1 != 0;
+        }
+        out
+    }
+    #[inline(never)]
+    fn signs(self, a: [f32; 8]) -> u32 {
         let mut bits = 0;
         for i in 0..8 {
             bits |= (a[i].to_bits() >> 31) << i;
         }
         bits
-    }
-    #[inline(never)]
-    fn mask_of(self, bits: u32) -> [f32; 8] {
-        let mut out = [0.0; 8];
-        for i in 0..8 {
-            out[i] = mask_lane(bits >> i & 1 != 0);
-        }
-        out
     }
     #[inline(never)]
     fn min_lane(self, a: [f32; 8]) -> f32 {
@@ -335,24 +402,126 @@ impl WideLevel for Scalar {
         let [a, b, c, d] = [0, 1, 2, 3].map(|i| greatest(a[i], a[i + 4]));
         greatest(greatest(a, c), greatest(b, d))
     }
+}
+
+/// Registers of sixteen f32 as two of eight.
+#[derive(Clone, Copy, Debug)]
+pub struct RegisterPair<W>(pub W);
+
+/// Applies an operation of the level to both halves of two registers or masks.
+macro_rules! each_half {
+    ($($method:ident: $Operand:ident -> $Result:ident),* $(,)?) => {$(
+        #[inline(always)]
+        fn $method(self, a: [W::$Operand; 2], b: [W::$Operand; 2]) -> [W::$Result; 2] {
+            [self.0.$method(a[0], b[0]), self.0.$method(a[1], b[1])]
+        }
+    )*};
+}
+
+impl<W: WideLevel<8>> WideLevel<16> for RegisterPair<W> {
+    type Register = [W::Register; 2];
+    type Mask = [W::Mask; 2];
+
+    each_half! {
+        add: Register -> Register,
+        sub: Register -> Register,
+        mul: Register -> Register,
+        div: Register -> Register,
+        min: Register -> Register,
+        max: Register -> Register,
+        and: Register -> Register,
+        xor: Register -> Register,
+        le: Register -> Mask,
+        lt: Register -> Mask,
+        eq: Register -> Mask,
+        lt_i32: Register -> Mask,
+        eq_bits: Register -> Mask,
+        both: Mask -> Mask,
+        either: Mask -> Mask,
+    }
+
     #[inline(always)]
-    fn prefetch<T>(self, _item: &T) {}
+    fn load(self, values: &[f32; 16]) -> [W::Register; 2] {
+        let [low, high]: &[[f32; 8]; 2] = bytemuck::cast_ref(values);
+        [self.0.load(low), self.0.load(high)]
+    }
+    #[inline(always)]
+    fn store(self, a: [W::Register; 2]) -> [f32; 16] {
+        bytemuck::cast([self.0.store(a[0]), self.0.store(a[1])])
+    }
+    #[inline(always)]
+    fn splat(self, value: f32) -> [W::Register; 2] {
+        [self.0.splat(value); 2]
+    }
+    #[inline(always)]
+    fn select(self, mask: [W::Mask; 2], yes: [W::Register; 2], no: [W::Register; 2]) -> [W::Register; 2] {
+        [
+            self.0.select(mask[0], yes[0], no[0]),
+            self.0.select(mask[1], yes[1], no[1]),
+        ]
+    }
+    #[inline(always)]
+    fn bits(self, mask: [W::Mask; 2]) -> u32 {
+        self.0.bits(mask[0]) | self.0.bits(mask[1]) << 8
+    }
+    #[inline(always)]
+    fn mask_of(self, bits: u32) -> [W::Mask; 2] {
+        [self.0.mask_of(bits), self.0.mask_of(bits >> 8)]
+    }
+    #[inline(always)]
+    fn signs(self, a: [W::Register; 2]) -> u32 {
+        self.0.signs(a[0]) | self.0.signs(a[1]) << 8
+    }
+    #[inline(always)]
+    fn min_lane(self, a: [W::Register; 2]) -> f32 {
+        self.0.min_lane(self.0.min(a[0], a[1]))
+    }
+    #[inline(always)]
+    fn max_lane(self, a: [W::Register; 2]) -> f32 {
+        self.0.max_lane(self.0.max(a[0], a[1]))
+    }
 }
 
 #[cfg(target_arch = "x86_64")]
 mod x86 {
-    use std::arch::x86_64::{__m256, _CMP_EQ_OQ, _CMP_LE_OQ, _CMP_LT_OQ, _MM_HINT_T0};
+    use std::arch::x86_64::{__m128, __m256, __m512, __mmask16, _CMP_EQ_OQ, _CMP_LE_OQ, _CMP_LT_OQ};
 
     use bytemuck::cast;
-    use pulp::x86::V3;
+    use pulp::x86::{V3, V4};
 
     use super::WideLevel;
 
-    /// Size of a cache line in bytes.
-    const LINE: usize = 64;
+    /// Defines methods of two operands, each by one instruction.
+    macro_rules! instructions {
+        ($Operand:ty => $Result:ty {
+            $($method:ident: $set:ident.$instruction:ident $(::<$operation:ident>)?,)*
+        }) => {$(
+            #[inline(always)]
+            fn $method(self, a: $Operand, b: $Operand) -> $Result {
+                self.$set.$instruction$(::<$operation>)?(a, b)
+            }
+        )*};
+    }
 
-    impl WideLevel for V3 {
+    impl WideLevel<8> for V3 {
         type Register = __m256;
+        type Mask = __m256;
+
+        instructions! { __m256 => __m256 {
+            add: avx._mm256_add_ps,
+            sub: avx._mm256_sub_ps,
+            mul: avx._mm256_mul_ps,
+            div: avx._mm256_div_ps,
+            min: avx._mm256_min_ps,
+            max: avx._mm256_max_ps,
+            and: avx._mm256_and_ps,
+            xor: avx._mm256_xor_ps,
+            le: avx._mm256_cmp_ps::<_CMP_LE_OQ>,
+            lt: avx._mm256_cmp_ps::<_CMP_LT_OQ>,
+            eq: avx._mm256_cmp_ps::<_CMP_EQ_OQ>,
+            both: avx._mm256_and_ps,
+            either: avx._mm256_or_ps,
+        } }
 
         #[inline(always)]
         fn load(self, values: &[f32; 8]) -> __m256 {
@@ -367,67 +536,28 @@ mod x86 {
             self.avx._mm256_set1_ps(value)
         }
         #[inline(always)]
-        fn add(self, a: __m256, b: __m256) -> __m256 {
-            self.avx._mm256_add_ps(a, b)
-        }
-        #[inline(always)]
-        fn sub(self, a: __m256, b: __m256) -> __m256 {
-            self.avx._mm256_sub_ps(a, b)
-        }
-        #[inline(always)]
-        fn mul(self, a: __m256, b: __m256) -> __m256 {
-            self.avx._mm256_mul_ps(a, b)
-        }
-        #[inline(always)]
-        fn div(self, a: __m256, b: __m256) -> __m256 {
-            self.avx._mm256_div_ps(a, b)
-        }
-        #[inline(always)]
-        fn min(self, a: __m256, b: __m256) -> __m256 {
-            self.avx._mm256_min_ps(a, b)
-        }
-        #[inline(always)]
-        fn max(self, a: __m256, b: __m256) -> __m256 {
-            self.avx._mm256_max_ps(a, b)
-        }
-        #[inline(always)]
-        fn and(self, a: __m256, b: __m256) -> __m256 {
-            self.avx._mm256_and_ps(a, b)
-        }
-        #[inline(always)]
-        fn or(self, a: __m256, b: __m256) -> __m256 {
-            self.avx._mm256_or_ps(a, b)
-        }
-        #[inline(always)]
-        fn xor(self, a: __m256, b: __m256) -> __m256 {
-            self.avx._mm256_xor_ps(a, b)
-        }
-        #[inline(always)]
-        fn le(self, a: __m256, b: __m256) -> __m256 {
-            self.avx._mm256_cmp_ps::<_CMP_LE_OQ>(a, b)
-        }
-        #[inline(always)]
-        fn lt(self, a: __m256, b: __m256) -> __m256 {
-            self.avx._mm256_cmp_ps::<_CMP_LT_OQ>(a, b)
-        }
-        #[inline(always)]
-        fn eq(self, a: __m256, b: __m256) -> __m256 {
-            self.avx._mm256_cmp_ps::<_CMP_EQ_OQ>(a, b)
-        }
-        #[inline(always)]
         fn lt_i32(self, a: __m256, b: __m256) -> __m256 {
             cast(self.avx2._mm256_cmpgt_epi32(cast(b), cast(a)))
+        }
+        #[inline(always)]
+        fn eq_bits(self, a: __m256, b: __m256) -> __m256 {
+            cast(self.avx2._mm256_cmpeq_epi32(cast(a), cast(b)))
         }
         #[inline(always)]
         fn select(self, mask: __m256, yes: __m256, no: __m256) -> __m256 {
             self.avx._mm256_blendv_ps(no, yes, mask)
         }
         #[inline(always)]
-        fn bits(self, a: __m256) -> u32 {
+        fn bits(self, mask: __m256) -> u32 {
+            self.signs(mask)
+        }
+        #[inline(always)]
+        fn signs(self, a: __m256) -> u32 {
             self.avx._mm256_movemask_ps(a) as u32
         }
         #[inline(always)]
         fn mask_of(self, bits: u32) -> __m256 {
+            // Keep the bit of each lane, then compare it with the bit that would be set
             let each = cast([1, 2, 4, 8, 16, 32, 64, 128]);
             let own = self
                 .avx2
@@ -436,10 +566,8 @@ mod x86 {
         }
         #[inline(always)]
         fn min_lane(self, a: __m256) -> f32 {
-            let (low, high) = (
-                self.avx._mm256_castps256_ps128(a),
-                self.avx._mm256_extractf128_ps::<1>(a),
-            );
+            // Halve the number of lanes three times
+            let [low, high]: [__m128; 2] = cast(a);
             let four = self.sse._mm_min_ps(low, high);
             let two = self.sse._mm_min_ps(four, self.sse._mm_movehl_ps(four, four));
             let one = self.sse._mm_min_ss(two, self.sse._mm_shuffle_ps::<1>(two, two));
@@ -447,22 +575,91 @@ mod x86 {
         }
         #[inline(always)]
         fn max_lane(self, a: __m256) -> f32 {
-            let (low, high) = (
-                self.avx._mm256_castps256_ps128(a),
-                self.avx._mm256_extractf128_ps::<1>(a),
-            );
+            // Halve the number of lanes three times
+            let [low, high]: [__m128; 2] = cast(a);
             let four = self.sse._mm_max_ps(low, high);
             let two = self.sse._mm_max_ps(four, self.sse._mm_movehl_ps(four, four));
             let one = self.sse._mm_max_ss(two, self.sse._mm_shuffle_ps::<1>(two, two));
             self.sse._mm_cvtss_f32(one)
         }
+    }
+
+    impl WideLevel<16> for V4 {
+        type Register = __m512;
+        type Mask = __mmask16;
+
+        instructions! { __m512 => __m512 {
+            add: avx512f._mm512_add_ps,
+            sub: avx512f._mm512_sub_ps,
+            mul: avx512f._mm512_mul_ps,
+            div: avx512f._mm512_div_ps,
+            min: avx512f._mm512_min_ps,
+            max: avx512f._mm512_max_ps,
+            and: avx512dq._mm512_and_ps,
+            xor: avx512dq._mm512_xor_ps,
+        } }
+
+        instructions! { __m512 => __mmask16 {
+            le: avx512f._mm512_cmp_ps_mask::<_CMP_LE_OQ>,
+            lt: avx512f._mm512_cmp_ps_mask::<_CMP_LT_OQ>,
+            eq: avx512f._mm512_cmp_ps_mask::<_CMP_EQ_OQ>,
+        } }
+
         #[inline(always)]
-        fn prefetch<T>(self, item: &T) {
-            let start: *const i8 = std::ptr::from_ref(item).cast();
-            for line in 0..size_of::<T>().div_ceil(LINE) {
-                self.sse
-                    ._mm_prefetch::<_MM_HINT_T0>(start.wrapping_add(line * LINE));
-            }
+        fn load(self, values: &[f32; 16]) -> __m512 {
+            cast(*values)
+        }
+        #[inline(always)]
+        fn store(self, a: __m512) -> [f32; 16] {
+            cast(a)
+        }
+        #[inline(always)]
+        fn splat(self, value: f32) -> __m512 {
+            self.avx512f._mm512_set1_ps(value)
+        }
+        #[inline(always)]
+        fn lt_i32(self, a: __m512, b: __m512) -> __mmask16 {
+            self.avx512f._mm512_cmplt_epi32_mask(cast(a), cast(b))
+        }
+        #[inline(always)]
+        fn eq_bits(self, a: __m512, b: __m512) -> __mmask16 {
+            self.avx512f._mm512_cmpeq_epi32_mask(cast(a), cast(b))
+        }
+        #[inline(always)]
+        fn both(self, a: __mmask16, b: __mmask16) -> __mmask16 {
+            a & b
+        }
+        #[inline(always)]
+        fn either(self, a: __mmask16, b: __mmask16) -> __mmask16 {
+            a | b
+        }
+        #[inline(always)]
+        fn select(self, mask: __mmask16, yes: __m512, no: __m512) -> __m512 {
+            self.avx512f._mm512_mask_blend_ps(mask, no, yes)
+        }
+        #[inline(always)]
+        fn bits(self, mask: __mmask16) -> u32 {
+            u32::from(mask)
+        }
+        #[inline(always)]
+        fn signs(self, a: __m512) -> u32 {
+            u32::from(self.avx512dq._mm512_movepi32_mask(cast(a)))
+        }
+        #[inline(always)]
+        fn mask_of(self, bits: u32) -> __mmask16 {
+            bits as __mmask16
+        }
+        #[inline(always)]
+        fn min_lane(self, a: __m512) -> f32 {
+            // Continue with eight lanes, in the order of registers in pairs
+            let [low, high]: [__m256; 2] = cast(a);
+            WideLevel::<8>::min_lane(*self, self.avx._mm256_min_ps(low, high))
+        }
+        #[inline(always)]
+        fn max_lane(self, a: __m512) -> f32 {
+            // Continue with eight lanes, in the order of registers in pairs
+            let [low, high]: [__m256; 2] = cast(a);
+            WideLevel::<8>::max_lane(*self, self.avx._mm256_max_ps(low, high))
         }
     }
 }

@@ -259,12 +259,7 @@ mod tests {
             let (origin, direction) = (rows(|r| r.origin), rows(|r| r.direction));
             match common {
                 Some(axis) => hits_of(isa, &ShearLanes::new(axis, &origin, &direction), &rays, corners),
-                None => hits_of(
-                    isa,
-                    &ShearLanes::of_each(isa, &origin, &direction),
-                    &rays,
-                    corners,
-                ),
+                None => hits_of(isa, &ShearLanes::of_each(&origin, &direction), &rays, corners),
             }
         }
     }

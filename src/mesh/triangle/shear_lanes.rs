@@ -44,17 +44,26 @@ pub struct OwnAxes<const N: usize> {
 }
 
 impl<const N: usize> OwnAxes<N> {
-    /// Returns the axes of rays by the masks of lanes for each dominant axis, as [`dominant_axes`] returns them.
+    /// Returns the axes of rays of these directions, as [`dominant_axis`] decides.
+    ///
+    /// [`dominant_axis`]: super::dominant_axis
     #[inline(always)]
-    fn new([x, y, _]: [u32; 3]) -> OwnAxes<N> {
+    fn of(direction: &[[f32; N]; 3]) -> OwnAxes<N> {
         let mut axes = OwnAxes {
             is_x: [0; N],
             is_y: [0; N],
         };
-        // Spread the bits over whole lanes
         for lane in 0..N {
-            axes.is_x[lane] = -((x >> lane & 1) as i32);
-            axes.is_y[lane] = -((y >> lane & 1) as i32);
+            // Compare the sizes of the coordinates
+            let [x, y, z] = [
+                direction[0][lane].abs(),
+                direction[1][lane].abs(),
+                direction[2][lane].abs(),
+            ];
+            // Set all bits of the masks
+            let is_x = (y < x) & (z < x);
+            axes.is_x[lane] = if is_x { -1 } else { 0 };
+            axes.is_y[lane] = if (z < y) & !is_x { -1 } else { 0 };
         }
         axes
     }
@@ -131,6 +140,7 @@ pub struct ShearLanes<const N: usize, A = CommonAxes> {
 /// Returns one mask per axis: bit `i` is set if direction `i` is longest along that axis, as [`dominant_axis`] decides.
 ///
 /// [`dominant_axis`]: super::dominant_axis
+#[cfg(feature = "embree")]
 #[inline(always)]
 pub(crate) fn dominant_axes<const N: usize>(isa: impl SimdLevel, direction: &[[f32; N]; 3]) -> [u32; 3] {
     let mut size = [[0.0; N]; 3];
@@ -157,12 +167,8 @@ impl<const N: usize> ShearLanes<N> {
 impl<const N: usize> ShearLanes<N, OwnAxes<N>> {
     /// Computes the shears of `N` rays of any direction.
     #[inline(always)]
-    pub(crate) fn of_each(
-        isa: impl SimdLevel,
-        origin: &[[f32; N]; 3],
-        direction: &[[f32; N]; 3],
-    ) -> ShearLanes<N, OwnAxes<N>> {
-        ShearLanes::along(OwnAxes::new(dominant_axes(isa, direction)), origin, direction)
+    pub(crate) fn of_each(origin: &[[f32; N]; 3], direction: &[[f32; N]; 3]) -> ShearLanes<N, OwnAxes<N>> {
+        ShearLanes::along(OwnAxes::of(direction), origin, direction)
     }
 }
 
@@ -269,7 +275,7 @@ mod tests {
         #[inline(always)]
         fn run<I: SimdLevel>(self, isa: I) -> [[[f32; 16]; 3]; 2] {
             let Along(directions, [x, y, z]) = self;
-            let axes = OwnAxes::new(dominant_axes(isa, &directions));
+            let axes = OwnAxes::of(&directions);
             let orders = AxisOrders::of(&axes);
             [orders.along(isa, &[x, y, z, 9.0]), axes.along([x, y, z])]
         }

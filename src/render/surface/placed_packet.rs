@@ -73,7 +73,11 @@ impl AffineLanes {
     #[inline(always)]
     fn fill(&mut self, map: &DAffine3) {
         let columns = [map.x_axis, map.y_axis, map.z_axis, map.translation];
-        self.0 = columns.map(|column| column.to_array().map(|x| [x; LANES]));
+        for column in 0..4 {
+            for axis in 0..3 {
+                self.0[column][axis] = [columns[column][axis]; LANES];
+            }
+        }
     }
 
     /// Sets the map of lane `l`.

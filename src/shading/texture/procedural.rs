@@ -113,7 +113,9 @@ pub(super) fn sample_packet(
     }
     // Divide by their number
     for l in 0..LANES {
-        texels[l] = std::array::from_fn(|channel| sums[channel][l] / counts[l] as f32);
+        for channel in 0..4 {
+            texels[l][channel] = sums[channel][l] / counts[l] as f32;
+        }
     }
 }
 
@@ -148,14 +150,16 @@ pub(super) fn gradient(procedural: &Procedural, p: DVec3, width: DVec3) -> DVec3
         points[axis][2 * axis + 1] -= steps[axis];
         sides[axis] = [side; 8];
     }
-    let weights =
-        second_color_weights(procedural.pattern, &points, &sides).map(|weight| weight.clamp(0.0, 1.0));
+    let weights = second_color_weights(procedural.pattern, &points, &sides);
     // Take central differences
-    let [a, b] = procedural.colors.map(|color| f64::from(color[0]));
-    DVec3::from_array(std::array::from_fn(|axis| {
-        let difference = weights[2 * axis] - weights[2 * axis + 1];
-        scale[axis] * (b - a) * difference / (2.0 * steps[axis])
-    }))
+    let [a, b] = procedural.colors;
+    let range = f64::from(b[0]) - f64::from(a[0]);
+    let mut gradient = DVec3::ZERO;
+    for axis in 0..3 {
+        let difference = weights[2 * axis].clamp(0.0, 1.0) - weights[2 * axis + 1].clamp(0.0, 1.0);
+        gradient[axis] = scale[axis] * range * difference / (2.0 * steps[axis]);
+    }
+    gradient
 }
 
 /// Returns the sides of the box for a ray of which only its `width` is given.
@@ -190,7 +194,12 @@ fn scaled_weights<const N: usize>(
             sides[axis][l] = finite_width(scale * width[axis][l]);
         }
     }
-    second_color_weights(procedural.pattern, &scaled, &sides).map(|weight| weight.clamp(0.0, 1.0) as f32)
+    let weights = second_color_weights(procedural.pattern, &scaled, &sides);
+    let mut clamped = [0.0; N];
+    for l in 0..N {
+        clamped[l] = weights[l].clamp(0.0, 1.0) as f32;
+    }
+    clamped
 }
 
 /// Returns the weights of the second colour at `N` points, averaged over boxes of sides `width`.
@@ -214,7 +223,10 @@ fn second_color_weights<const N: usize>(
             }
         }
         Pattern::Noise { octaves } => {
-            weights = fractal(p, octaves, &widest_sides(width)).map(|noise| 0.5 + 0.5 * noise);
+            let noise = fractal(p, octaves, &widest_sides(width));
+            for l in 0..N {
+                weights[l] = 0.5 + 0.5 * noise[l];
+            }
         }
         Pattern::Marble { .. } => {
             let wave = Wave::of(pattern, p, width);

@@ -76,7 +76,7 @@ impl<const W: usize> SimdKernel for ClusterKernel<'_, W> {
                 self.intersect_rays(isa, &shears, active, &mut hit);
             }
             None => {
-                let shears = ShearLanes::of_each(isa, &origin, &direction);
+                let shears = ShearLanes::of_each(&origin, &direction);
                 self.intersect_rays(isa, &shears, active, &mut hit);
             }
         }

@@ -10,34 +10,29 @@
 //! difference with the frame's origin, of the depth, their product and their difference. The slope, at most 1, has an error
 //! of u, which moves a vertex relative to a ray by u times the difference of their depths.
 
-use crate::accel::RayPacket;
-use crate::mesh::simd::{Float8, WideLevel};
+use crate::accel::{LANES, RayPacket};
+use crate::mesh::simd::{Floats, LaneMask, SimdLevel};
 use crate::numeric::Ray;
 use glam::Vec3;
 
-use super::frame::{GroupFrame, HALVES, half, splat};
-use super::projection::{GroupProjection, MAX_COORDINATE, ProjectedHalf};
+use super::frame::{GroupFrame, splat};
+use super::projection::{GroupProjection, MAX_COORDINATE, ProjectedPacket};
 
 /// Direction that all rays have, exactly: that towards a light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct CommonDirection(pub(super) Vec3);
 
 impl CommonDirection {
-    /// Returns those of eight rays that have the direction, of those in the mask `pending`, with origins in range.
+    /// Returns the rays of the mask `pending` that have the direction, with origins in range.
     #[inline(always)]
-    fn fitting<W: WideLevel>(
-        self,
-        wide: W,
-        packet: &RayPacket,
-        half_index: usize,
-        pending: Float8<W>,
-    ) -> Float8<W> {
-        let mut fits = pending;
+    fn fitting<I: SimdLevel>(self, isa: I, packet: &RayPacket, pending: u32) -> LaneMask<I::Sixteen, LANES> {
+        let sixteen = isa.sixteen();
+        let mut fits = LaneMask::of_bits(sixteen, pending);
         for axis in 0..3 {
-            let direction = Float8::load(wide, half(&packet.direction[axis], half_index));
-            let origin = Float8::load(wide, half(&packet.origin[axis], half_index));
-            fits =
-                fits & direction.eq(splat(wide, self.0[axis])) & origin.abs().le(splat(wide, MAX_COORDINATE));
+            let direction = Floats::load(sixteen, &packet.direction[axis]);
+            let origin = Floats::load(sixteen, &packet.origin[axis]);
+            let is_own = direction.eq(splat(sixteen, self.0[axis]));
+            fits = fits & is_own & origin.abs().le(splat(sixteen, MAX_COORDINATE));
         }
         fits
     }
@@ -58,7 +53,7 @@ impl GroupProjection for CommonDirection {
     }
 
     #[inline(always)]
-    fn sum_of_directions<W: WideLevel>(self, _: W, _: &[RayPacket], _: &[u32]) -> [f32; 3] {
+    fn sum_of_directions<I: SimdLevel>(self, _: I, _: &[RayPacket], _: &[u32]) -> [f32; 3] {
         self.away()
     }
 
@@ -67,24 +62,23 @@ impl GroupProjection for CommonDirection {
     }
 
     #[inline(always)]
-    fn frame<W: WideLevel>(
+    fn frame<I: SimdLevel>(
         self,
-        wide: W,
+        isa: I,
         packets: &[RayPacket],
         pending: &[u32],
         direction: [f32; 3],
     ) -> GroupFrame {
         // Bound the origins of the rays
-        let mut low = [splat(wide, f32::INFINITY); 3];
-        let mut high = [splat(wide, f32::NEG_INFINITY); 3];
+        let sixteen = isa.sixteen();
+        let mut low = [splat(sixteen, f32::INFINITY); 3];
+        let mut high = [splat(sixteen, f32::NEG_INFINITY); 3];
         for (packet, &pending) in packets.iter().zip(pending) {
-            for h in 0..HALVES {
-                let fits = self.fitting(wide, packet, h, Float8::mask_of(wide, pending >> (8 * h)));
-                for axis in 0..3 {
-                    let origin = Float8::load(wide, half(&packet.origin[axis], h));
-                    low[axis] = fits.select(origin, low[axis]).min(low[axis]);
-                    high[axis] = fits.select(origin, high[axis]).max(high[axis]);
-                }
+            let fits = self.fitting(isa, packet, pending);
+            for axis in 0..3 {
+                let origin = Floats::load(sixteen, &packet.origin[axis]);
+                low[axis] = fits.select(origin, low[axis]).min(low[axis]);
+                high[axis] = fits.select(origin, high[axis]).max(high[axis]);
             }
         }
         // Place the frame amid them; its size, twice what is needed, covers the rounding of the middle
@@ -105,32 +99,33 @@ impl GroupProjection for CommonDirection {
     }
 
     #[inline(always)]
-    fn project<W: WideLevel>(
+    fn project<I: SimdLevel>(
         self,
-        wide: W,
+        isa: I,
         packet: &RayPacket,
-        half_index: usize,
-        pending: Float8<W>,
+        pending: u32,
         frame: &GroupFrame,
-    ) -> ProjectedHalf<W> {
+    ) -> ProjectedPacket<I> {
+        let sixteen = isa.sixteen();
         // Project the origins as `BlockCorners::new` projects vertices
         let [kx, ky, kz] = frame.axes;
-        let x = Float8::load(wide, half(&packet.origin[kx], half_index)) - splat(wide, frame.origin[0]);
-        let y = Float8::load(wide, half(&packet.origin[ky], half_index)) - splat(wide, frame.origin[1]);
-        let z = Float8::load(wide, half(&packet.origin[kz], half_index)) - splat(wide, frame.origin[2]);
-        let z = z * splat(wide, frame.sign);
-        let u = x - splat(wide, frame.slopes[0]) * z;
-        let v = y - splat(wide, frame.slopes[1]) * z;
+        let x = Floats::load(sixteen, &packet.origin[kx]) - splat(sixteen, frame.origin[0]);
+        let y = Floats::load(sixteen, &packet.origin[ky]) - splat(sixteen, frame.origin[1]);
+        let z = Floats::load(sixteen, &packet.origin[kz]) - splat(sixteen, frame.origin[2]);
+        let z = z * splat(sixteen, frame.sign);
+        let u = x - splat(sixteen, frame.slopes[0]) * z;
+        let v = y - splat(sixteen, frame.slopes[1]) * z;
         // Compute the depths of the interval, which decrease towards the light
-        let speed = splat(wide, self.0[kz].abs());
-        let z_near = z - Float8::load(wide, half(&packet.t_far, half_index)) * speed;
-        let z_far = z - Float8::load(wide, half(&packet.t_near, half_index)) * speed;
+        let speed = splat(sixteen, self.0[kz].abs());
+        let z_near = z - Floats::load(sixteen, &packet.t_far) * speed;
+        let z_far = z - Floats::load(sixteen, &packet.t_near) * speed;
         // Choose the lanes that fit; a depth of -∞ is that of a lane that is off
-        let fits = self.fitting(wide, packet, half_index, pending) & splat(wide, f32::MIN).le(z_far);
-        ProjectedHalf {
+        let fits = self.fitting(isa, packet, pending) & splat(sixteen, f32::MIN).le(z_far);
+        let zero = splat(sixteen, 0.0);
+        ProjectedPacket {
             fits,
-            u: fits & u,
-            v: fits & v,
+            u: fits.select(u, zero),
+            v: fits.select(v, zero),
             z_near,
             z_far,
         }

@@ -4,12 +4,12 @@
 //! depth z are `z (u, v, 1)`.
 
 use crate::accel::RayPacket;
-use crate::mesh::simd::{Float8, WideLevel};
+use crate::mesh::simd::{Float16, Floats, LaneMask, SimdLevel};
 use crate::numeric::Ray;
 use glam::Vec3;
 
-use super::frame::{GroupFrame, HALVES, half, splat};
-use super::projection::{GroupProjection, ProjectedHalf};
+use super::frame::{GroupFrame, splat};
+use super::projection::{GroupProjection, ProjectedPacket};
 
 /// Largest ratio of a direction's other components to that along the frame's z axis: rays of up to 63 degrees from it
 /// along an axis.
@@ -28,36 +28,37 @@ pub(super) enum CommonEnd {
 }
 
 impl CommonEnd {
-    /// Returns the directions of eight rays away from the common end, not normalised, along an axis of the world.
+    /// Returns the directions of rays away from the common end, not normalised, along an axis of the world.
     #[inline(always)]
-    fn away<W: WideLevel>(self, wide: W, packet: &RayPacket, half_index: usize, axis: usize) -> Float8<W> {
+    fn away<I: SimdLevel>(self, isa: I, packet: &RayPacket, axis: usize) -> Float16<I> {
+        let sixteen = isa.sixteen();
         match self {
-            CommonEnd::Origin(_) => Float8::load(wide, half(&packet.direction[axis], half_index)),
+            CommonEnd::Origin(_) => Floats::load(sixteen, &packet.direction[axis]),
             CommonEnd::Target(target) => {
-                Float8::load(wide, half(&packet.origin[axis], half_index)) - splat(wide, target[axis])
+                Floats::load(sixteen, &packet.origin[axis]) - splat(sixteen, target[axis])
             }
         }
     }
 
-    /// Returns the depths between which eight rays search, whose directions away from the end have the components `z`.
+    /// Returns the depths between which rays search, whose directions away from the end have the components `z`.
     #[inline(always)]
-    fn depth_interval<W: WideLevel>(
+    fn depth_interval<I: SimdLevel>(
         self,
-        wide: W,
+        isa: I,
         packet: &RayPacket,
-        half_index: usize,
         z_axis: usize,
-        z: Float8<W>,
-    ) -> [Float8<W>; 2] {
-        let t_near = Float8::load(wide, half(&packet.t_near, half_index));
-        let t_far = Float8::load(wide, half(&packet.t_far, half_index));
+        z: Float16<I>,
+    ) -> [Float16<I>; 2] {
+        let sixteen = isa.sixteen();
+        let t_near = Floats::load(sixteen, &packet.t_near);
+        let t_far = Floats::load(sixteen, &packet.t_far);
         // No ray searches behind the common end.
-        let zero = splat(wide, 0.0);
+        let zero = splat(sixteen, 0.0);
         match self {
             CommonEnd::Origin(_) => [t_near * z, (t_far * z).max(zero)],
             CommonEnd::Target(_) => {
                 // The ray starts at depth z and comes closer
-                let speed = Float8::load(wide, half(&packet.direction[z_axis], half_index)).abs();
+                let speed = Floats::load(sixteen, &packet.direction[z_axis]).abs();
                 [(z - t_far * speed).max(zero), (z - t_near * speed).max(zero)]
             }
         }
@@ -75,15 +76,14 @@ impl GroupProjection for CommonEnd {
     }
 
     #[inline(always)]
-    fn sum_of_directions<W: WideLevel>(self, wide: W, packets: &[RayPacket], pending: &[u32]) -> [f32; 3] {
-        // Add the directions in eight lanes
-        let mut sums = [splat(wide, 0.0); 3];
+    fn sum_of_directions<I: SimdLevel>(self, isa: I, packets: &[RayPacket], pending: &[u32]) -> [f32; 3] {
+        // Add the directions lane by lane
+        let zero = splat(isa.sixteen(), 0.0);
+        let mut sums = [zero; 3];
         for (packet, &pending) in packets.iter().zip(pending) {
-            for h in 0..HALVES {
-                let mask = Float8::mask_of(wide, pending >> (8 * h));
-                for axis in 0..3 {
-                    sums[axis] = sums[axis] + (self.away(wide, packet, h, axis) & mask);
-                }
+            let pending = LaneMask::of_bits(isa.sixteen(), pending);
+            for axis in 0..3 {
+                sums[axis] = sums[axis] + pending.select(self.away(isa, packet, axis), zero);
             }
         }
         // Add the lanes in their order, for the same bits on all instruction sets
@@ -104,35 +104,36 @@ impl GroupProjection for CommonEnd {
     }
 
     #[inline(always)]
-    fn frame<W: WideLevel>(self, _: W, _: &[RayPacket], _: &[u32], direction: [f32; 3]) -> GroupFrame {
+    fn frame<I: SimdLevel>(self, _: I, _: &[RayPacket], _: &[u32], direction: [f32; 3]) -> GroupFrame {
         GroupFrame::along(direction, self.fixed_point().to_array())
     }
 
     #[inline(always)]
-    fn project<W: WideLevel>(
+    fn project<I: SimdLevel>(
         self,
-        wide: W,
+        isa: I,
         packet: &RayPacket,
-        half_index: usize,
-        pending: Float8<W>,
+        pending: u32,
         frame: &GroupFrame,
-    ) -> ProjectedHalf<W> {
+    ) -> ProjectedPacket<I> {
         // Choose the lanes that fit
-        let x = self.away(wide, packet, half_index, frame.axes[0]);
-        let y = self.away(wide, packet, half_index, frame.axes[1]);
-        let z = self.away(wide, packet, half_index, frame.axes[2]) * splat(wide, frame.sign);
-        let steepest = x.abs().max(y.abs()) * splat(wide, 1.0 / MAX_SLOPE);
+        let sixteen = isa.sixteen();
+        let x = self.away(isa, packet, frame.axes[0]);
+        let y = self.away(isa, packet, frame.axes[1]);
+        let z = self.away(isa, packet, frame.axes[2]) * splat(sixteen, frame.sign);
+        let steepest = x.abs().max(y.abs()) * splat(sixteen, 1.0 / MAX_SLOPE);
         let fits = steepest.le(z)
-            & splat(wide, DIRECTION_RANGE[0]).le(z)
-            & z.le(splat(wide, DIRECTION_RANGE[1]))
-            & pending;
+            & splat(sixteen, DIRECTION_RANGE[0]).le(z)
+            & z.le(splat(sixteen, DIRECTION_RANGE[1]))
+            & LaneMask::of_bits(sixteen, pending);
         // Project them to the plane z = 1
-        let divisor = fits.select(z, splat(wide, 1.0));
-        let [z_near, z_far] = self.depth_interval(wide, packet, half_index, frame.axes[2], z);
-        ProjectedHalf {
+        let divisor = fits.select(z, splat(sixteen, 1.0));
+        let zero = splat(sixteen, 0.0);
+        let [z_near, z_far] = self.depth_interval(isa, packet, frame.axes[2], z);
+        ProjectedPacket {
             fits,
-            u: fits & (x / divisor),
-            v: fits & (y / divisor),
+            u: fits.select(x / divisor, zero),
+            v: fits.select(y / divisor, zero),
             z_near,
             z_far,
         }

@@ -16,7 +16,7 @@ pub(super) struct CornerRows([[[f32; 8]; 3]; 3]);
 impl CornerRows {
     /// Stores the vertices of a block.
     #[inline(always)]
-    pub(super) fn new<W: WideLevel>(corners: &BlockCorners<W>) -> CornerRows {
+    pub(super) fn new<W: WideLevel<8>>(corners: &BlockCorners<W>) -> CornerRows {
         let mut rows = [[[0.0; 8]; 3]; 3];
         for corner in 0..3 {
             rows[0][corner] = corners.x[corner].to_array();
@@ -48,25 +48,25 @@ impl LaneTriangles {
 }
 
 /// Hits decided in f64.
-pub(super) struct Decided {
+pub(super) struct Decided<const N: usize> {
     /// Mask of the lanes that hit.
     pub(super) hits: u32,
-    pub(super) z: [f32; 8],
+    pub(super) z: [f32; N],
 }
 
 /// Decides in f64 about the lanes of `mask`, whose rays pass through `u` and `v`.
 #[cold]
 #[inline(never)]
-pub(super) fn decide<J: GroupProjection>(
+pub(super) fn decide<J: GroupProjection, const N: usize>(
     corners: &CornerRows,
     triangles: LaneTriangles,
     mask: u32,
-    [u, v]: [&[f32; 8]; 2],
-) -> Decided {
-    let mut decided = Decided { hits: 0, z: [0.0; 8] };
+    [u, v]: [&[f32; N]; 2],
+) -> Decided<N> {
+    let mut decided = Decided { hits: 0, z: [0.0; N] };
     for lane in lanes(mask) {
         // Fetch the vertices
-        let lane = lane % 8;
+        let lane = lane % N;
         let triangle = triangles.of(lane);
         let [x, y, z] =
             [0, 1, 2].map(|axis| [0, 1, 2].map(|corner| f64::from(corners.0[axis][corner][triangle])));

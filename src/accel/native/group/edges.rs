@@ -13,7 +13,7 @@
 //! so that in f32 both neighbours accept rays close to their common edge; such a ray is decided in f64 from the same
 //! rounded vertices (`decide`).
 
-use crate::mesh::simd::{Float8, WideLevel};
+use crate::mesh::simd::{Floats, LaneMask, WideLevel};
 
 use super::frame::splat;
 use super::projection::GroupProjection;
@@ -26,20 +26,20 @@ const EDGE_ERROR: f32 = 5e-7;
 
 /// Vertices of eight triangles in the frame of a group, with their depths.
 #[derive(Clone, Copy)]
-pub(super) struct BlockCorners<W: WideLevel> {
-    pub(super) x: [Float8<W>; 3],
-    pub(super) y: [Float8<W>; 3],
-    pub(super) w: [Float8<W>; 3],
-    pub(super) z: [Float8<W>; 3],
+pub(super) struct BlockCorners<W: WideLevel<8>> {
+    pub(super) x: [Floats<W, 8>; 3],
+    pub(super) y: [Floats<W, 8>; 3],
+    pub(super) w: [Floats<W, 8>; 3],
+    pub(super) z: [Floats<W, 8>; 3],
 }
 
-impl<W: WideLevel> BlockCorners<W> {
+impl<W: WideLevel<8>> BlockCorners<W> {
     /// Moves the vertices of a block into the frame. Each vertex is moved alike in all triangles that share it.
     #[inline(always)]
-    pub(super) fn new<J: GroupProjection>(wide: W, block: &LeafBlock, rays: &GroupRays) -> BlockCorners<W> {
+    pub(super) fn new<J: GroupProjection>(eight: W, block: &LeafBlock, rays: &GroupRays) -> BlockCorners<W> {
         let frame = &rays.frame;
         let [kx, ky, kz] = frame.axes;
-        let zero = splat(wide, 0.0);
+        let zero = splat(eight, 0.0);
         let mut corners = BlockCorners {
             x: [zero; 3],
             y: [zero; 3],
@@ -49,13 +49,14 @@ impl<W: WideLevel> BlockCorners<W> {
         for corner in 0..3 {
             // Move the corners of all triangles to the origin of the frame
             let rows = &block.triangles.corners[corner];
-            let x = Float8::load(wide, &rows[kx]) - splat(wide, frame.origin[0]);
-            let y = Float8::load(wide, &rows[ky]) - splat(wide, frame.origin[1]);
-            let z = (Float8::load(wide, &rows[kz]) - splat(wide, frame.origin[2])) * splat(wide, frame.sign);
+            let x = Floats::load(eight, &rows[kx]) - splat(eight, frame.origin[0]);
+            let y = Floats::load(eight, &rows[ky]) - splat(eight, frame.origin[1]);
+            let z =
+                (Floats::load(eight, &rows[kz]) - splat(eight, frame.origin[2])) * splat(eight, frame.sign);
             // Shear them, so that the common direction, or the group's centre, points along z
-            corners.x[corner] = x - splat(wide, rays.slopes[0]) * z;
-            corners.y[corner] = y - splat(wide, rays.slopes[1]) * z;
-            corners.w[corner] = if J::IS_PARALLEL { splat(wide, 1.0) } else { z };
+            corners.x[corner] = x - splat(eight, rays.slopes[0]) * z;
+            corners.y[corner] = y - splat(eight, rays.slopes[1]) * z;
+            corners.w[corner] = if J::IS_PARALLEL { splat(eight, 1.0) } else { z };
             corners.z[corner] = z;
         }
         corners
@@ -64,33 +65,33 @@ impl<W: WideLevel> BlockCorners<W> {
 
 /// Edge functions of eight triangles, or of one triangle in all lanes.
 #[derive(Clone, Copy)]
-pub(super) struct Edges<W: WideLevel> {
-    pub(super) a: [Float8<W>; 3],
-    pub(super) b: [Float8<W>; 3],
+pub(super) struct Edges<W: WideLevel<N>, const N: usize> {
+    pub(super) a: [Floats<W, N>; 3],
+    pub(super) b: [Floats<W, N>; 3],
     /// Constant terms, with [`Edges::error`] added.
-    pub(super) c: [Float8<W>; 3],
+    pub(super) c: [Floats<W, N>; 3],
     /// Error bounds of the edge functions for all rays of the group.
-    pub(super) error: [Float8<W>; 3],
+    pub(super) error: [Floats<W, N>; 3],
     /// Depths of the vertices.
-    pub(super) z: [Float8<W>; 3],
+    pub(super) z: [Floats<W, N>; 3],
 }
 
 /// Edge functions of eight triangles, oriented so that the inside is positive.
-pub(super) struct OrientedEdges<W: WideLevel> {
-    pub(super) edges: Edges<W>,
+pub(super) struct OrientedEdges<W: WideLevel<8>> {
+    pub(super) edges: Edges<W, 8>,
     /// Mask of the triangles that may have either orientation, for their determinant is as small as its error.
     pub(super) ambiguous: u32,
 }
 
-impl<W: WideLevel> OrientedEdges<W> {
+impl<W: WideLevel<8>> OrientedEdges<W> {
     /// Computes the edge functions.
     #[inline(always)]
-    pub(super) fn new(wide: W, corners: &BlockCorners<W>, window: &GroupWindow) -> OrientedEdges<W> {
+    pub(super) fn new(eight: W, corners: &BlockCorners<W>, window: &GroupWindow) -> OrientedEdges<W> {
         let BlockCorners { x, y, w, z } = corners;
         // Bound the rays' coordinates
-        let reach_u = splat(wide, window.u_min.abs().max(window.u_max.abs()));
-        let reach_v = splat(wide, window.v_min.abs().max(window.v_max.abs()));
-        let zero = [splat(wide, 0.0); 3];
+        let reach_u = splat(eight, window.u_min.abs().max(window.u_max.abs()));
+        let reach_v = splat(eight, window.v_min.abs().max(window.v_max.abs()));
+        let zero = [splat(eight, 0.0); 3];
         let mut edges = Edges {
             a: zero,
             b: zero,
@@ -98,7 +99,7 @@ impl<W: WideLevel> OrientedEdges<W> {
             error: zero,
             z: *z,
         };
-        let mut magnitude = splat(wide, 0.0);
+        let mut magnitude = splat(eight, 0.0);
         for e in 0..3 {
             // Compute the normal of the plane through the origin and the edge
             let (i, j) = ((e + 1) % 3, (e + 2) % 3);
@@ -110,7 +111,7 @@ impl<W: WideLevel> OrientedEdges<W> {
             edges.c[e] = c0 - c1;
             // Bound the error of the edge function
             let (a, b, c) = (a0.abs() + a1.abs(), b0.abs() + b1.abs(), c0.abs() + c1.abs());
-            edges.error[e] = splat(wide, EDGE_ERROR) * (a * reach_u + (b * reach_v + c));
+            edges.error[e] = splat(eight, EDGE_ERROR) * (a * reach_u + (b * reach_v + c));
             if e == 0 {
                 magnitude = x[0].abs() * a + (y[0].abs() * b + w[0].abs() * c);
             }
@@ -124,7 +125,7 @@ impl<W: WideLevel> OrientedEdges<W> {
             edges.c[e] = (edges.c[e] ^ sign) + edges.error[e];
         }
         // Find determinants that are as small as their error
-        let ambiguous = determinant.abs().le(magnitude * splat(wide, EDGE_ERROR));
+        let ambiguous = determinant.abs().le(magnitude * splat(eight, EDGE_ERROR));
         OrientedEdges {
             edges,
             ambiguous: ambiguous.bits(),
@@ -133,23 +134,23 @@ impl<W: WideLevel> OrientedEdges<W> {
 
     /// Returns a mask of the triangles that no edge separates from the group's window.
     #[inline(always)]
-    pub(super) fn reaching(&self, wide: W, window: &GroupWindow) -> u32 {
+    pub(super) fn reaching(&self, eight: W, window: &GroupWindow) -> u32 {
         let edges = &self.edges;
-        let mut least = splat(wide, f32::INFINITY);
+        let mut least = splat(eight, f32::INFINITY);
         for e in 0..3 {
             // Find the greatest value in the window, at one of its corners
             let (a, b, c) = (edges.a[e], edges.b[e], edges.c[e]);
-            let u = (a * splat(wide, window.u_min)).max(a * splat(wide, window.u_max));
-            let v = (b * splat(wide, window.v_min)).max(b * splat(wide, window.v_max));
-            least = least.min(c + (u + v) + splat(wide, EDGE_ERROR) * c.abs());
+            let u = (a * splat(eight, window.u_min)).max(a * splat(eight, window.u_max));
+            let v = (b * splat(eight, window.v_min)).max(b * splat(eight, window.v_max));
+            least = least.min(c + (u + v) + splat(eight, EDGE_ERROR) * c.abs());
         }
-        splat(wide, 0.0).le(least).bits() | self.ambiguous
+        splat(eight, 0.0).le(least).bits() | self.ambiguous
     }
 
     /// Turns all triangles around.
     #[inline(always)]
-    pub(super) fn flip(&mut self, wide: W) {
-        let minus = splat(wide, -0.0);
+    pub(super) fn flip(&mut self, eight: W) {
+        let minus = splat(eight, -0.0);
         let edges = &mut self.edges;
         for e in 0..3 {
             edges.a[e] = edges.a[e] ^ minus;
@@ -165,7 +166,7 @@ pub(super) struct EdgeRows([[[f32; 8]; 3]; 5]);
 impl EdgeRows {
     /// Stores the edge functions of eight triangles.
     #[inline(always)]
-    pub(super) fn new<W: WideLevel>(edges: &Edges<W>) -> EdgeRows {
+    pub(super) fn new<W: WideLevel<8>>(edges: &Edges<W, 8>) -> EdgeRows {
         let mut rows = [[[0.0; 8]; 3]; 5];
         for e in 0..3 {
             rows[0][e] = edges.a[e].to_array();
@@ -179,8 +180,12 @@ impl EdgeRows {
 
     /// Returns one triangle in all lanes.
     #[inline(always)]
-    pub(super) fn broadcast<W: WideLevel>(&self, wide: W, triangle: usize) -> Edges<W> {
-        let zero = [splat(wide, 0.0); 3];
+    pub(super) fn broadcast<W: WideLevel<N>, const N: usize>(
+        &self,
+        level: W,
+        triangle: usize,
+    ) -> Edges<W, N> {
+        let zero = [splat(level, 0.0); 3];
         let mut edges = Edges {
             a: zero,
             b: zero,
@@ -190,49 +195,49 @@ impl EdgeRows {
         };
         let triangle = triangle % 8;
         for e in 0..3 {
-            edges.a[e] = splat(wide, self.0[0][e][triangle]);
-            edges.b[e] = splat(wide, self.0[1][e][triangle]);
-            edges.c[e] = splat(wide, self.0[2][e][triangle]);
-            edges.error[e] = splat(wide, self.0[3][e][triangle]);
-            edges.z[e] = splat(wide, self.0[4][e][triangle]);
+            edges.a[e] = splat(level, self.0[0][e][triangle]);
+            edges.b[e] = splat(level, self.0[1][e][triangle]);
+            edges.c[e] = splat(level, self.0[2][e][triangle]);
+            edges.error[e] = splat(level, self.0[3][e][triangle]);
+            edges.z[e] = splat(level, self.0[4][e][triangle]);
         }
         edges
     }
 }
 
-/// Rays that a triangle may be hit by: eight rays and one triangle, or one ray and eight triangles.
+/// Rays that may hit a triangle: those of a packet with one triangle, or one ray with eight triangles.
 #[derive(Clone, Copy)]
-pub(super) struct ProjectedRays<W: WideLevel> {
-    pub(super) u: Float8<W>,
-    pub(super) v: Float8<W>,
+pub(super) struct ProjectedRays<W: WideLevel<N>, const N: usize> {
+    pub(super) u: Floats<W, N>,
+    pub(super) v: Floats<W, N>,
     /// Depth from which the rays search.
-    pub(super) z_near: Float8<W>,
+    pub(super) z_near: Floats<W, N>,
     /// Depth up to which the rays search.
-    pub(super) z: Float8<W>,
+    pub(super) z: Floats<W, N>,
 }
 
 /// Lanes in which a triangle may be hit.
 #[derive(Clone, Copy)]
-pub(super) struct CandidateLanes<W: WideLevel> {
+pub(super) struct CandidateLanes<W: WideLevel<N>, const N: usize> {
     /// Mask of the lanes whose hit counts, if [`CandidateLanes::near_edge`] does not say otherwise.
-    pub(super) inside: Float8<W>,
+    pub(super) inside: LaneMask<W, N>,
     /// Mask of the lanes that are to be decided in f64.
-    pub(super) near_edge: Float8<W>,
+    pub(super) near_edge: LaneMask<W, N>,
     /// Sum of the edge functions without the error bounds.
-    pub(super) sum: Float8<W>,
+    pub(super) sum: Floats<W, N>,
     /// Depths of the hits.
-    pub(super) z: Float8<W>,
+    pub(super) z: Floats<W, N>,
 }
 
-impl<W: WideLevel> Edges<W> {
+impl<W: WideLevel<N>, const N: usize> Edges<W, N> {
     /// Returns the lanes that may be hits within the rays' depths; `None` if there are none.
     #[inline(always)]
-    pub(super) fn candidates(&self, wide: W, rays: &ProjectedRays<W>) -> Option<CandidateLanes<W>> {
+    pub(super) fn candidates(&self, level: W, rays: &ProjectedRays<W, N>) -> Option<CandidateLanes<W, N>> {
         // Evaluate the edge functions
         let e0 = self.a[0] * rays.u + (self.b[0] * rays.v + self.c[0]);
         let e1 = self.a[1] * rays.u + (self.b[1] * rays.v + self.c[1]);
         let e2 = self.a[2] * rays.u + (self.b[2] * rays.v + self.c[2]);
-        let inside = splat(wide, 0.0).le(e0.min(e1.min(e2)));
+        let inside = splat(level, 0.0).le(e0.min(e1.min(e2)));
         if inside.bits() == 0 {
             return None;
         }

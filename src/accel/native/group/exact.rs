@@ -7,92 +7,96 @@
 
 use crate::accel::native::layout::TreeView;
 use crate::accel::native::single::{SingleStack, trace_lane};
-use crate::accel::native::triangle_run::TriangleRun;
 use crate::accel::{LANES, Query, RayPacket};
-use crate::mesh::simd::{Float8, SimdLevel, lanes};
+use crate::mesh::simd::{Floats, LaneMask, SimdLevel, lanes};
 use crate::mesh::triangle::ShearLanes;
 use crate::numeric::Lanes;
 
-use super::frame::{HALVES, half_mut, splat};
-use super::rays::{GroupRays, NO_HIT_NUMBER, SUBS};
+use super::frame::splat;
+use super::rays::{GroupRays, NO_SLOT, PACKETS};
 
-/// Structures from which hits are computed again.
-#[derive(Clone, Copy)]
-pub(super) struct ExactHits<'a, 's> {
-    /// Tree that the group traversed.
-    pub(super) tree: TreeView<'a>,
-    /// Instances of the tree's triangles, by their first numbers.
-    pub(super) runs: &'a [TriangleRun<'s>],
+/// Writes the hits of a group, found in `tree`, into its packets.
+#[inline(always)]
+pub(super) fn write_exact_hits(
+    isa: impl SimdLevel,
+    tree: TreeView,
+    rays: &GroupRays,
+    packets: &mut [RayPacket],
+    stack: &mut SingleStack,
+) {
+    let none = splat(isa.sixteen(), f32::from_bits(NO_SLOT));
+    for (index, packet) in packets.iter_mut().enumerate() {
+        // Find the lanes with hits
+        let index = index % PACKETS;
+        let slots = &rays.slots[index];
+        let is_missing = Floats::load(isa.sixteen(), bytemuck::cast_ref(slots)).eq_bits(none);
+        let hits = rays.taken[index] & !is_missing.bits();
+        if hits == 0 {
+            continue;
+        }
+        // Compute them again, and trace the rays that miss their triangle
+        let missed = recompute(isa, tree, packet, hits, slots);
+        for lane in lanes(missed) {
+            trace_lane(isa, tree, packet, lane % LANES, Query::Nearest, stack);
+        }
+    }
 }
 
-impl ExactHits<'_, '_> {
-    /// Writes the hits of a group into its packets.
-    #[inline(always)]
-    pub(super) fn write<I: SimdLevel>(
-        &self,
-        isa: I,
-        rays: &GroupRays,
-        packets: &mut [RayPacket],
-        stack: &mut SingleStack,
-    ) {
-        let none = splat(isa.wide(), f32::from_bits(NO_HIT_NUMBER));
-        for (index, packet) in packets.iter_mut().enumerate() {
-            // Find the lanes with hits
-            let mut hits = 0;
-            let mut numbers = [NO_HIT_NUMBER; LANES];
-            for h in 0..HALVES {
-                let sub = (HALVES * index + h) % SUBS;
-                let is_hit = Float8::load_u32(isa.wide(), &rays.numbers[sub]).lt_i32(none);
-                hits |= (is_hit.bits() & rays.taken[sub]) << (8 * h);
-                *half_mut(&mut numbers, h) = rays.numbers[sub];
+/// Writes the hits of the lanes in `hits` on the triangles in these slots. Returns the lanes whose ray misses its
+/// triangle.
+#[inline(always)]
+fn recompute(
+    isa: impl SimdLevel,
+    tree: TreeView,
+    packet: &mut RayPacket,
+    hits: u32,
+    slots: &Lanes<u32>,
+) -> u32 {
+    // Fetch each triangle once for all its lanes; lanes without a hit keep the first one, which avoids branches
+    let sixteen = isa.sixteen();
+    let lane_slots = Floats::load(sixteen, bytemuck::cast_ref(slots));
+    let mut numbers = splat(sixteen, 0.0);
+    let mut corners = [[numbers; 3]; 3];
+    let mut remaining = hits;
+    while remaining != 0 {
+        let slot = slots[remaining.trailing_zeros() as usize % LANES];
+        let own = lane_slots.eq_bits(splat(sixteen, f32::from_bits(slot))).bits();
+        let mask = LaneMask::of_bits(sixteen, if remaining == hits { u32::MAX } else { own });
+        let triangle = tree.triangle_at(slot);
+        numbers = mask.select(splat(sixteen, f32::from_bits(triangle.number)), numbers);
+        for corner in 0..3 {
+            for axis in 0..3 {
+                let value = splat(sixteen, triangle.corners[corner][axis]);
+                corners[corner][axis] = mask.select(value, corners[corner][axis]);
             }
-            if hits == 0 {
-                continue;
-            }
-            // Compute them again, and trace the rays that miss their triangle
-            let missed = self.recompute(isa, packet, hits, &numbers);
-            for lane in lanes(missed) {
-                trace_lane(isa, self.tree, packet, lane % LANES, Query::Nearest, stack);
-            }
+        }
+        remaining &= !own;
+    }
+    // Store them as the reference test reads them
+    let mut corner_lanes = [[[0.0; LANES]; 3]; 3];
+    for corner in 0..3 {
+        for axis in 0..3 {
+            corner_lanes[corner][axis] = corners[corner][axis].to_array();
         }
     }
-
-    /// Writes the hits of the lanes in `hits` on the triangles of these numbers. Returns the lanes whose ray misses its
-    /// triangle.
-    #[inline(always)]
-    fn recompute(&self, isa: impl SimdLevel, packet: &mut RayPacket, hits: u32, numbers: &Lanes<u32>) -> u32 {
-        // Fetch the triangles; lanes without a hit take that of any other, which avoids branches
-        let any = numbers[hits.trailing_zeros() as usize % LANES];
-        let mut corners = [[[0.0; LANES]; 3]; 3];
-        for lane in 0..LANES {
-            let number = if hits >> lane & 1 != 0 { numbers[lane] } else { any };
-            let vertices = TriangleRun::corners(self.runs, number);
-            for corner in 0..3 {
-                for axis in 0..3 {
-                    corners[corner][axis][lane] = vertices[corner][axis];
-                }
-            }
-        }
-        // Intersect each ray with its triangle
-        let shears = ShearLanes::of_each(isa, &packet.origin, &packet.direction);
-        let exact = shears.intersect_each(isa, &corners, &packet.t_near, &packet.t_far);
-        let found = exact.mask & hits;
-        // Store the hits; the instance follows from the number
-        for lane in 0..LANES {
-            let is_found = found >> lane & 1 != 0;
-            let choose = |new: f32, old: f32| if is_found { new } else { old };
-            packet.t_far[lane] = choose(exact.t[lane], packet.t_far[lane]);
-            packet.u[lane] = choose(exact.u[lane], packet.u[lane]);
-            packet.v[lane] = choose(exact.v[lane], packet.v[lane]);
-            packet.primitive[lane] = if is_found {
-                numbers[lane]
-            } else {
-                packet.primitive[lane]
-            };
-            packet.instance[lane] = if is_found { 0 } else { packet.instance[lane] };
-        }
-        hits & !found
+    // Intersect each ray with its triangle
+    let shears = ShearLanes::of_each(&packet.origin, &packet.direction);
+    let exact = shears.intersect_each(isa, &corner_lanes, &packet.t_near, &packet.t_far);
+    // Store the hits; the instance follows from the number
+    let found = exact.mask & hits;
+    let is_found = LaneMask::of_bits(sixteen, found);
+    for (new, old) in [
+        (&exact.t, &mut packet.t_far),
+        (&exact.u, &mut packet.u),
+        (&exact.v, &mut packet.v),
+        (&numbers.to_array(), bytemuck::cast_mut(&mut packet.primitive)),
+        (&[0.0; LANES], bytemuck::cast_mut(&mut packet.instance)),
+    ] {
+        *old = is_found
+            .select(Floats::load(sixteen, new), Floats::load(sixteen, old))
+            .to_array();
     }
+    hits & !found
 }
 
 #[cfg(test)]
@@ -101,7 +105,6 @@ mod tests {
     use crate::accel::native::build::build_tree;
     use crate::accel::native::single;
     use crate::accel::native::testing::RandomNumbers;
-    use crate::accel::native::triangle_run::TriangleRun;
     use crate::accel::{LANES, Query, RayPacket};
     use crate::mesh::bumpy_sphere;
     use crate::numeric::Ray;
@@ -122,7 +125,7 @@ mod tests {
         }
         // Trace them in groups, and one at a time
         let mut actual = expected.clone();
-        intersect(tree.view(), &[TriangleRun::new(0, 0, &mesh)], &mut actual, origin);
+        intersect(tree.view(), &mut actual, origin);
         single::trace(tree.view(), &mut expected, Query::Nearest);
         // Compare the bits, unless a ray through an edge hits the neighbour
         let (mut hit_count, mut tie_count) = (0, 0);

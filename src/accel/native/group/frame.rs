@@ -3,11 +3,7 @@
 //! The frame has the axes of the world in another order: z, the depth, is the one along which the rays point, so a vertex
 //! is moved into it by differences alone, each rounded once.
 
-use crate::accel::LANES;
-use crate::mesh::simd::{Float8, WideLevel};
-
-/// Number of halves of a packet, of eight lanes each.
-pub(super) const HALVES: usize = LANES / 8;
+use crate::mesh::simd::{Floats, WideLevel};
 
 /// Frame of a group: the world's axes in cyclic order, about the common end of the rays, or amid their origins.
 #[derive(Clone, Copy, Debug)]
@@ -54,21 +50,9 @@ impl GroupFrame {
     }
 }
 
-/// Returns eight times the same value. Kernels have no closures: one that is not inlined would be compiled for the lowest
+/// Returns the same value in all lanes. Kernels have no closures: one that is not inlined would be compiled for the lowest
 /// instruction set.
 #[inline(always)]
-pub(super) fn splat<W: WideLevel>(wide: W, value: f32) -> Float8<W> {
-    Float8::splat(wide, value)
-}
-
-/// Returns eight lanes of a packet's array.
-#[inline(always)]
-pub(super) fn half<T>(row: &[T; LANES], half: usize) -> &[T; 8] {
-    &row.as_chunks::<8>().0[half % HALVES]
-}
-
-/// Returns eight lanes of a packet's array for writing.
-#[inline(always)]
-pub(super) fn half_mut<T>(row: &mut [T; LANES], half: usize) -> &mut [T; 8] {
-    &mut row.as_chunks_mut::<8>().0[half % HALVES]
+pub(super) fn splat<W: WideLevel<N>, const N: usize>(level: W, value: f32) -> Floats<W, N> {
+    Floats::splat(level, value)
 }

@@ -1,10 +1,10 @@
 //! Tests of a node's boxes against a group: the four planes around the group's window, and the windows of its parts.
 
-use crate::mesh::simd::{Float8, WideLevel, lanes};
+use crate::mesh::simd::{Floats, SimdLevel, WideLevel, lanes};
 
 use super::frame::splat;
 use super::projection::GroupProjection;
-use super::rays::{GroupRays, SUBS, Windows};
+use super::rays::{GroupRays, PACKETS, Windows};
 use crate::accel::native::layout::{Box3, NativeNode, WIDTH};
 
 /// Error of a plane's or a depth's value relative to the sum of the magnitudes of its terms: 16 units of roundoff, for a
@@ -29,8 +29,8 @@ struct FrustumPlane {
 impl FrustumPlane {
     /// Returns the plane's value without the term of x, by the sides of the boxes along z.
     #[inline(always)]
-    fn value<W: WideLevel>(&self, wide: W, sides: &[Float8<W>; 2]) -> Float8<W> {
-        splat(wide, self.slope) * sides[self.z_side & 1] + splat(wide, self.offset)
+    fn value<W: WideLevel<8>>(&self, eight: W, sides: &[Floats<W, 8>; 2]) -> Floats<W, 8> {
+        splat(eight, self.slope) * sides[self.z_side & 1] + splat(eight, self.offset)
     }
 }
 
@@ -99,76 +99,82 @@ impl Frustum {
 
     /// Returns a mask of the children whose box may contain a hit of the group, and their least depths.
     #[inline(always)]
-    pub(super) fn test<W: WideLevel>(&self, wide: W, node: &NativeNode, z_max: f32) -> (u32, Float8<W>) {
+    pub(super) fn test<W: WideLevel<8>>(
+        &self,
+        eight: W,
+        node: &NativeNode,
+        z_max: f32,
+    ) -> (u32, Floats<W, 8>) {
         // Evaluate each plane at the corner of the boxes that is farthest inside
         let [kx, ky, kz] = self.axes;
         let sides = [
-            Float8::load(wide, &node.bounds[0][kz]),
-            Float8::load(wide, &node.bounds[1][kz]),
+            Floats::load(eight, &node.bounds[0][kz]),
+            Floats::load(eight, &node.bounds[1][kz]),
         ];
         let [low_u, high_u, low_v, high_v] = &self.planes;
-        let u = (low_u.value(wide, &sides) + Float8::load(wide, &node.bounds[1][kx]))
-            .min(high_u.value(wide, &sides) - Float8::load(wide, &node.bounds[0][kx]));
-        let v = (low_v.value(wide, &sides) + Float8::load(wide, &node.bounds[1][ky]))
-            .min(high_v.value(wide, &sides) - Float8::load(wide, &node.bounds[0][ky]));
+        let u = (low_u.value(eight, &sides) + Floats::load(eight, &node.bounds[1][kx]))
+            .min(high_u.value(eight, &sides) - Floats::load(eight, &node.bounds[0][kx]));
+        let v = (low_v.value(eight, &sides) + Floats::load(eight, &node.bounds[1][ky]))
+            .min(high_v.value(eight, &sides) - Floats::load(eight, &node.bounds[0][ky]));
         // Compute the least depths
-        let depth = sides[self.near_side & 1] * splat(wide, self.sign) + splat(wide, self.depth_offset);
-        let inside = splat(wide, 0.0).le(u.min(v)) & depth.le(splat(wide, z_max));
+        let depth = sides[self.near_side & 1] * splat(eight, self.sign) + splat(eight, self.depth_offset);
+        let inside = splat(eight, 0.0).le(u.min(v)) & depth.le(splat(eight, z_max));
         (inside.bits(), depth)
     }
 
     /// Returns a side of a node's boxes relative to the origin of the frame, along one of its axes.
     #[inline(always)]
-    fn relative<W: WideLevel>(&self, wide: W, node: &NativeNode, side: usize, i: usize) -> Float8<W> {
-        Float8::load(wide, &node.bounds[side][self.axes[i]]) - splat(wide, self.origin[i])
+    fn relative<W: WideLevel<8>>(&self, eight: W, node: &NativeNode, side: usize, i: usize) -> Floats<W, 8> {
+        Floats::load(eight, &node.bounds[side][self.axes[i]]) - splat(eight, self.origin[i])
     }
 
     /// Returns the windows of a node's boxes in the plane: exactly, as a box is projected farthest out at corners, up to
     /// an error bound.
     #[inline(always)]
-    pub(super) fn windows<W: WideLevel, J: GroupProjection>(
+    pub(super) fn windows<W: WideLevel<8>, J: GroupProjection>(
         &self,
-        wide: W,
+        eight: W,
         node: &NativeNode,
     ) -> [[f32; WIDTH]; 4] {
         if J::IS_PARALLEL {
-            return self.sheared_windows(wide, node);
+            return self.sheared_windows(eight, node);
         }
         // Compute the reciprocals of the least and the greatest depths
-        let sign = splat(wide, self.sign);
-        let least = splat(wide, MIN_DEPTH);
-        let near = (self.relative(wide, node, self.near_side & 1, 2) * sign).max(least);
-        let far = (self.relative(wide, node, 1 - (self.near_side & 1), 2) * sign).max(least);
-        let one = splat(wide, 1.0);
+        let sign = splat(eight, self.sign);
+        let least = splat(eight, MIN_DEPTH);
+        let near = (self.relative(eight, node, self.near_side & 1, 2) * sign).max(least);
+        let far = (self.relative(eight, node, 1 - (self.near_side & 1), 2) * sign).max(least);
+        let one = splat(eight, 1.0);
         let (per_near, per_far) = (one / near, one / far);
+        let zero = splat(eight, 0.0);
         let mut out = [[0.0; WIDTH]; 4];
         for i in 0..2 {
             // Divide each side by the depth at which it is farthest out
-            let (low, high) = (self.relative(wide, node, 0, i), self.relative(wide, node, 1, i));
-            let low = low * low.select(per_near, per_far);
-            let high = high * high.select(per_far, per_near);
+            let (low, high) = (self.relative(eight, node, 0, i), self.relative(eight, node, 1, i));
+            let low = low * low.lt(zero).select(per_near, per_far);
+            let high = high * high.lt(zero).select(per_far, per_near);
             // Widen the windows by their error
-            out[2 * i] = (low - splat(wide, self.slopes[i] + self.window_error[i])).to_array();
-            out[2 * i + 1] = (high - splat(wide, self.slopes[i] - self.window_error[i])).to_array();
+            out[2 * i] = (low - splat(eight, self.slopes[i] + self.window_error[i])).to_array();
+            out[2 * i + 1] = (high - splat(eight, self.slopes[i] - self.window_error[i])).to_array();
         }
         out
     }
 
     /// Returns the windows of a node's boxes along the common direction.
     #[inline(always)]
-    fn sheared_windows<W: WideLevel>(&self, wide: W, node: &NativeNode) -> [[f32; WIDTH]; 4] {
-        let sign = splat(wide, self.sign);
+    fn sheared_windows<W: WideLevel<8>>(&self, eight: W, node: &NativeNode) -> [[f32; WIDTH]; 4] {
+        let sign = splat(eight, self.sign);
         let depths = [
-            self.relative(wide, node, 0, 2) * sign,
-            self.relative(wide, node, 1, 2) * sign,
+            self.relative(eight, node, 0, 2) * sign,
+            self.relative(eight, node, 1, 2) * sign,
         ];
         let mut out = [[0.0; WIDTH]; 4];
         for i in 0..2 {
             // Shear each side by the depth at which it is farthest out, and widen the window by its error
-            let slope = splat(wide, self.slopes[i]);
+            let slope = splat(eight, self.slopes[i]);
             let (a, b) = (slope * depths[0], slope * depths[1]);
-            let error = splat(wide, self.window_error[i]);
-            let (low, high) = (self.relative(wide, node, 0, i), self.relative(wide, node, 1, i));
+            let error = splat(eight, self.window_error[i]);
+            let (low, high) = (self.relative(eight, node, 0, i), self.relative(eight, node, 1, i));
             out[2 * i] = (low - a.max(b) - error).to_array();
             out[2 * i + 1] = (high - a.min(b) + error).to_array();
         }
@@ -176,53 +182,63 @@ impl Frustum {
     }
 }
 
-/// Window with a least depth, the same in all lanes.
+/// Window with a least depth.
 #[derive(Clone, Copy)]
-pub(super) struct DepthWindow<W: WideLevel> {
-    pub(super) u_min: Float8<W>,
-    pub(super) u_max: Float8<W>,
-    pub(super) v_min: Float8<W>,
-    pub(super) v_max: Float8<W>,
-    pub(super) z_min: Float8<W>,
+pub(super) struct DepthWindow {
+    pub(super) u_min: f32,
+    pub(super) u_max: f32,
+    pub(super) v_min: f32,
+    pub(super) v_max: f32,
+    pub(super) z_min: f32,
 }
 
-impl<W: WideLevel> DepthWindow<W> {
+impl DepthWindow {
     /// Returns a mask of the eight windows of a row that overlap this one and reach its depth.
     #[inline(always)]
-    pub(super) fn overlap<const N: usize>(&self, wide: W, windows: &Windows<N>, row: usize) -> u32 {
-        let row = row % N;
-        let u = self.u_min.le(Float8::load(wide, &windows.u_max[row]))
-            & Float8::load(wide, &windows.u_min[row]).le(self.u_max);
-        let v = self.v_min.le(Float8::load(wide, &windows.v_max[row]))
-            & Float8::load(wide, &windows.v_min[row]).le(self.v_max);
-        (u & v & self.z_min.le(Float8::load(wide, &windows.z_max[row]))).bits()
+    pub(super) fn overlap<const R: usize>(
+        &self,
+        isa: impl SimdLevel,
+        windows: &Windows<R>,
+        row: usize,
+    ) -> u32 {
+        // Compare both sides along u and v, then the depths
+        let (eight, row) = (isa.eight(), row % R);
+        let u = splat(eight, self.u_min).le(Floats::load(eight, &windows.u_max[row]))
+            & Floats::load(eight, &windows.u_min[row]).le(splat(eight, self.u_max));
+        let v = splat(eight, self.v_min).le(Floats::load(eight, &windows.v_max[row]))
+            & Floats::load(eight, &windows.v_min[row]).le(splat(eight, self.v_max));
+        let z = splat(eight, self.z_min).le(Floats::load(eight, &windows.z_max[row]));
+        (u & v & z).bits()
     }
 
     /// Returns a mask of the tiles that overlap this window.
     #[inline(always)]
-    pub(super) fn tiles(&self, wide: W, rays: &GroupRays) -> u32 {
+    pub(super) fn tiles(&self, isa: impl SimdLevel, rays: &GroupRays) -> u32 {
         match rays.tile_count() {
             0..=1 => 1,
-            2..=8 => self.overlap(wide, &rays.tiles, 0),
-            _ => self.overlap(wide, &rays.tiles, 0) | self.overlap(wide, &rays.tiles, 1) << 8,
+            _ => self.overlap(isa, &rays.tiles, 0),
         }
     }
 
-    /// Returns a mask of the rays of a sub-packet that are in this window.
+    /// Returns a mask of the rays of a packet that are in this window.
     #[inline(always)]
-    pub(super) fn rays(&self, wide: W, rays: &GroupRays, sub: usize) -> u32 {
-        let u = Float8::load(wide, &rays.u[sub]);
-        let v = Float8::load(wide, &rays.v[sub]);
-        let inside = self.u_min.le(u) & u.le(self.u_max) & self.v_min.le(v) & v.le(self.v_max);
-        (inside & self.z_min.le(Float8::load(wide, &rays.z[sub]))).bits()
+    pub(super) fn rays(&self, isa: impl SimdLevel, rays: &GroupRays, packet: usize) -> u32 {
+        // Compare the points with all sides, then the depths
+        let (sixteen, packet) = (isa.sixteen(), packet % PACKETS);
+        let u = Floats::load(sixteen, &rays.u[packet]);
+        let v = Floats::load(sixteen, &rays.v[packet]);
+        let in_u = splat(sixteen, self.u_min).le(u) & u.le(splat(sixteen, self.u_max));
+        let in_v = splat(sixteen, self.v_min).le(v) & v.le(splat(sixteen, self.v_max));
+        let z = splat(sixteen, self.z_min).le(Floats::load(sixteen, &rays.z[packet]));
+        (in_u & in_v & z).bits()
     }
 
     /// Returns whether any ray is in this window.
     #[inline(always)]
-    pub(super) fn has_ray(&self, wide: W, rays: &GroupRays) -> bool {
-        for tile in lanes(self.tiles(wide, rays)) {
-            for slot in lanes(self.overlap(wide, &rays.subs, tile)) {
-                if self.rays(wide, rays, (8 * tile + slot) % SUBS) != 0 {
+    pub(super) fn has_ray(&self, isa: impl SimdLevel, rays: &GroupRays) -> bool {
+        for tile in lanes(self.tiles(isa, rays)) {
+            for slot in lanes(self.overlap(isa, &rays.packets, tile)) {
+                if self.rays(isa, rays, 8 * tile + slot) != 0 {
                     return true;
                 }
             }

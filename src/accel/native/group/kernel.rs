@@ -3,10 +3,9 @@
 use crate::accel::native::layout::{Box3, TreeView};
 use crate::accel::native::single::{SingleStack, trace_lane};
 use crate::accel::{LANES, Query, RayPacket};
-use crate::mesh::simd::{Float8, SimdKernel, SimdLevel, lanes};
+use crate::mesh::simd::{Floats, SimdKernel, SimdLevel, lanes};
 use glam::Vec3;
 
-use super::frame::{HALVES, half};
 use super::projection::{GroupProjection, MAX_COORDINATE};
 use super::query::GroupQuery;
 use super::rays::{GroupRays, PACKETS};
@@ -82,11 +81,9 @@ impl<P: GroupQuery> SimdKernel for GroupKernel<'_, P> {
             let mut pending = [0; PACKETS];
             for (packet, pending) in packets.iter_mut().zip(&mut pending) {
                 packet.drop_untraceable();
-                for h in 0..HALVES {
-                    // Active lanes hold -1.
-                    let active = bytemuck::cast_ref(half(&packet.active, h));
-                    *pending |= Float8::load_u32(isa.wide(), active).bits() << (8 * h);
-                }
+                // Active lanes hold -1.
+                let active = bytemuck::cast_ref(&packet.active);
+                *pending = Floats::load(isa.sixteen(), active).signs();
             }
             if !is_in_range {
                 trace_singly::<P>(isa, self.tree, packets, &pending, scratch);
@@ -175,14 +172,13 @@ impl<P: GroupQuery> PartTracer<'_, P> {
         pending: &mut [u32],
         scratch: &mut Scratch,
     ) -> PartOutcome {
-        let wide = isa.wide();
         let projection = self.query.projection();
-        let mut direction = projection.sum_of_directions(wide, packets, pending);
+        let mut direction = projection.sum_of_directions(isa, packets, pending);
         while let Some(first) = pending.iter().position(|&mask| mask != 0) {
             // Take the rays that point along an axis of the world
             let rays = &mut *scratch.rays;
-            let frame = projection.frame(wide, packets, pending, direction);
-            let count = rays.load(wide, packets, pending, projection, frame);
+            let frame = projection.frame(isa, packets, pending, direction);
+            let count = rays.load(isa, packets, pending, projection, frame);
             let next = pending[first].trailing_zeros() as usize % LANES;
             if count == 0 {
                 // Try the direction of the first ray, then trace it alone
@@ -199,21 +195,17 @@ impl<P: GroupQuery> PartTracer<'_, P> {
             if packets.len() > 1 && count > FEW && rays.is_sparse() {
                 return PartOutcome::TooSparse;
             }
-            // Note which rays of each packet were taken
-            let mut taken = [0; PACKETS];
-            for (packet, mask) in taken.iter_mut().enumerate().take(packets.len()) {
-                *mask = rays.taken[HALVES * packet] | rays.taken[HALVES * packet + 1] << 8;
-            }
-            // Trace them, one at a time if they are few
+            // Trace the rays that were taken, one at a time if they are few
             if count <= FEW {
+                let taken = rays.taken;
                 trace_singly::<P>(isa, self.tree, packets, &taken, scratch);
             } else {
-                traverse::<_, P>(wide, self.tree, rays, packets, &mut scratch.stack);
+                traverse::<_, P>(isa, self.tree, rays, packets, &mut scratch.stack);
                 let stack = &mut scratch.single_stack;
-                self.query.write_hits(isa, rays, packets, stack);
+                self.query.write_hits(isa, self.tree, rays, packets, stack);
             }
             // Strike them off the pending ones
-            for (pending, taken) in pending.iter_mut().zip(taken) {
+            for (pending, taken) in pending.iter_mut().zip(&scratch.rays.taken) {
                 *pending &= !taken;
             }
         }

@@ -44,22 +44,19 @@ mod traverse;
 use std::cell::Cell;
 
 use crate::accel::native::layout::TreeView;
-use crate::accel::native::triangle_run::TriangleRun;
 use crate::accel::{RayEnd, RayPacket};
 use crate::mesh::simd::dispatch_sixteen;
 use glam::Vec3;
 
 use common_direction::CommonDirection;
 use common_end::CommonEnd;
-use exact::ExactHits;
 use kernel::{GroupKernel, Scratch};
 use query::{AnyToLight, GroupQuery, NearestFromOrigin};
 
 /// Finds the nearest hit of every active lane. All rays must start at `origin`, which should not lie on a surface: a
-/// hit as near as its own rounding error may be lost. `runs` are the meshes of the tree's triangles.
-pub(super) fn intersect(tree: TreeView, runs: &[TriangleRun], packets: &mut [RayPacket], origin: Vec3) {
-    let exact = ExactHits { tree, runs };
-    trace(tree, packets, NearestFromOrigin { origin, exact });
+/// hit as near as its own rounding error may be lost.
+pub(super) fn intersect(tree: TreeView, packets: &mut [RayPacket], origin: Vec3) {
+    trace(tree, packets, NearestFromOrigin(origin));
 }
 
 /// Marks every active lane as blocked whose ray hits anything within its interval, ends included. All rays must have the
@@ -78,7 +75,6 @@ fn trace<P: GroupQuery>(tree: TreeView, packets: &mut [RayPacket], query: P) {
         static SCRATCH: Cell<Option<Box<Scratch>>> = const { Cell::new(None) };
     }
     let mut scratch = SCRATCH.take().unwrap_or_else(Scratch::new);
-    // Its vectors have eight lanes, and with AVX-512 twice as many registers
     dispatch_sixteen(GroupKernel::new(tree, packets, query, &mut scratch));
     SCRATCH.set(Some(scratch));
 }

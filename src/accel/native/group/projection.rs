@@ -1,7 +1,7 @@
 //! Projection of rays to points of a plane.
 
-use crate::accel::RayPacket;
-use crate::mesh::simd::{Float8, WideLevel};
+use crate::accel::{LANES, RayPacket};
+use crate::mesh::simd::{Float16, LaneMask, SimdLevel};
 use crate::numeric::Ray;
 use glam::Vec3;
 
@@ -22,40 +22,40 @@ pub(super) trait GroupProjection: Copy {
     fn fixed_point(self) -> Vec3;
 
     /// Returns the sum of the directions of all pending rays, or a multiple of it, towards greater depths.
-    fn sum_of_directions<W: WideLevel>(self, wide: W, packets: &[RayPacket], pending: &[u32]) -> [f32; 3];
+    fn sum_of_directions<I: SimdLevel>(self, isa: I, packets: &[RayPacket], pending: &[u32]) -> [f32; 3];
 
     /// Returns the direction of a ray, not normalised, towards greater depths.
     fn direction(self, ray: &Ray) -> [f32; 3];
 
     /// Returns a frame for the pending rays, whose z axis is closest to `direction`.
-    fn frame<W: WideLevel>(
+    fn frame<I: SimdLevel>(
         self,
-        wide: W,
+        isa: I,
         packets: &[RayPacket],
         pending: &[u32],
         direction: [f32; 3],
     ) -> GroupFrame;
 
-    /// Projects eight rays, of which those of the mask `pending` are to be traced.
-    fn project<W: WideLevel>(
+    /// Projects the rays of a packet, of which those of the mask `pending` are to be traced.
+    fn project<I: SimdLevel>(
         self,
-        wide: W,
+        isa: I,
         packet: &RayPacket,
-        half_index: usize,
-        pending: Float8<W>,
+        pending: u32,
         frame: &GroupFrame,
-    ) -> ProjectedHalf<W>;
+    ) -> ProjectedPacket<I>;
 }
 
-/// Eight rays as points of the plane.
+/// Rays of a packet as points of the plane.
 #[derive(Clone, Copy)]
-pub(super) struct ProjectedHalf<W: WideLevel> {
-    /// Mask of the pending rays that the frame is fit for; the other values are valid in these lanes.
-    pub(super) fits: Float8<W>,
-    pub(super) u: Float8<W>,
-    pub(super) v: Float8<W>,
+pub(super) struct ProjectedPacket<I: SimdLevel> {
+    /// Mask of the pending rays that the frame is fit for; the depths are valid in these lanes.
+    pub(super) fits: LaneMask<I::Sixteen, LANES>,
+    /// Coordinate in the plane, zero for lanes that do not fit; so is the other.
+    pub(super) u: Float16<I>,
+    pub(super) v: Float16<I>,
     /// Depth from which the rays search.
-    pub(super) z_near: Float8<W>,
+    pub(super) z_near: Float16<I>,
     /// Depth up to which the rays search: greater than -∞.
-    pub(super) z_far: Float8<W>,
+    pub(super) z_far: Float16<I>,
 }

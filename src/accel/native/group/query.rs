@@ -1,15 +1,16 @@
 //! Queries that a group kernel is compiled for.
 
 use crate::accel::RayPacket;
+use crate::accel::native::layout::TreeView;
 use crate::accel::native::single::SingleStack;
-use crate::mesh::simd::{Float8, SimdLevel};
+use crate::mesh::simd::{Floats, LaneMask, SimdLevel};
 use glam::Vec3;
 
 use super::common_end::CommonEnd;
-use super::exact::ExactHits;
-use super::frame::{HALVES, half, half_mut, splat};
+use super::exact::write_exact_hits;
+use super::frame::splat;
 use super::projection::GroupProjection;
-use super::rays::{GroupRays, OFF};
+use super::rays::{GroupRays, OFF, PACKETS};
 
 /// Query and form of the rays, known at compile time.
 pub(super) trait GroupQuery: Copy {
@@ -22,10 +23,11 @@ pub(super) trait GroupQuery: Copy {
     /// Returns the projection of the rays.
     fn projection(self) -> Self::Projection;
 
-    /// Writes the hits of a group into its packets.
+    /// Writes the hits of a group, found in `tree`, into its packets.
     fn write_hits<I: SimdLevel>(
         self,
         isa: I,
+        tree: TreeView,
         rays: &GroupRays,
         packets: &mut [RayPacket],
         stack: &mut SingleStack,
@@ -34,36 +36,32 @@ pub(super) trait GroupQuery: Copy {
 
 /// Nearest hit of rays from a common origin.
 #[derive(Clone, Copy)]
-pub(super) struct NearestFromOrigin<'a, 's> {
-    /// Origin of the rays.
-    pub(super) origin: Vec3,
-    /// Structures from which the hits are computed again.
-    pub(super) exact: ExactHits<'a, 's>,
-}
+pub(super) struct NearestFromOrigin(pub(super) Vec3);
 
 /// Any hit of rays to a light, which is a common target or a common direction.
 #[derive(Clone, Copy)]
 pub(super) struct AnyToLight<J>(pub(super) J);
 
-impl GroupQuery for NearestFromOrigin<'_, '_> {
+impl GroupQuery for NearestFromOrigin {
     const IS_ANY: bool = false;
 
     type Projection = CommonEnd;
 
     #[inline(always)]
     fn projection(self) -> CommonEnd {
-        CommonEnd::Origin(self.origin)
+        CommonEnd::Origin(self.0)
     }
 
     #[inline(always)]
     fn write_hits<I: SimdLevel>(
         self,
         isa: I,
+        tree: TreeView,
         rays: &GroupRays,
         packets: &mut [RayPacket],
         stack: &mut SingleStack,
     ) {
-        self.exact.write(isa, rays, packets, stack);
+        write_exact_hits(isa, tree, rays, packets, stack);
     }
 }
 
@@ -81,22 +79,22 @@ impl<J: GroupProjection> GroupQuery for AnyToLight<J> {
     fn write_hits<I: SimdLevel>(
         self,
         isa: I,
+        _tree: TreeView,
         rays: &GroupRays,
         packets: &mut [RayPacket],
         _stack: &mut SingleStack,
     ) {
-        let wide = isa.wide();
+        let sixteen = isa.sixteen();
         for (index, packet) in packets.iter_mut().enumerate() {
-            for h in 0..HALVES {
-                // Empty the intervals of blocked rays, which are off
-                let sub = HALVES * index + h;
-                let z = Float8::load(wide, &rays.z[sub]);
-                let is_off = z.eq(splat(wide, OFF)).bits();
-                let blocked = Float8::mask_of(wide, is_off & rays.taken[sub]);
-                let t_far = Float8::load(wide, half(&packet.t_far, h));
-                let t_far = blocked.select(splat(wide, f32::NEG_INFINITY), t_far);
-                *half_mut(&mut packet.t_far, h) = t_far.to_array();
-            }
+            // Find the blocked rays, which are off
+            let index = index % PACKETS;
+            let is_off = Floats::load(sixteen, &rays.z[index]).eq(splat(sixteen, OFF));
+            let blocked = is_off & LaneMask::of_bits(sixteen, rays.taken[index]);
+            // Empty their intervals
+            let t_far = Floats::load(sixteen, &packet.t_far);
+            packet.t_far = blocked
+                .select(splat(sixteen, f32::NEG_INFINITY), t_far)
+                .to_array();
         }
     }
 }

@@ -1,20 +1,19 @@
-//! Rays of a group, with the windows that enclose them at three levels: sub-packets of eight rays, tiles of eight
-//! sub-packets, and the group.
+//! Rays of a group, with the windows that enclose them at three levels: packets of sixteen rays, tiles of eight packets,
+//! and the group.
 
-use crate::accel::RayPacket;
-use crate::mesh::simd::{Float8, WideLevel};
+use crate::accel::{LANES, RayPacket};
+use crate::mesh::simd::{Floats, SimdLevel};
+use crate::numeric::Lanes;
 
-use super::frame::{GroupFrame, HALVES, splat};
-use super::projection::{GroupProjection, ProjectedHalf};
+use super::frame::{GroupFrame, splat};
+use super::projection::{GroupProjection, ProjectedPacket};
 
 /// Maximum number of packets of a group.
 pub(super) const PACKETS: usize = 64;
-/// Maximum number of sub-packets of eight rays.
-pub(super) const SUBS: usize = PACKETS * HALVES;
-/// Maximum number of tiles of eight sub-packets.
-pub(super) const TILES: usize = SUBS / 8;
-/// Value of [`GroupRays::numbers`] for a ray without a hit: greater than every other one as i32.
-pub(super) const NO_HIT_NUMBER: u32 = i32::MAX as u32;
+/// Maximum number of tiles of eight packets.
+const TILES: usize = PACKETS / 8;
+/// Value of [`GroupRays::slots`] for a ray without a hit.
+pub(super) const NO_SLOT: u32 = u32::MAX;
 /// Depth of lanes that are off, because they are not in the group or already blocked.
 pub(super) const OFF: f32 = f32::NEG_INFINITY;
 
@@ -61,20 +60,6 @@ pub(super) struct GroupWindow {
     pub(super) v_max: f32,
 }
 
-/// Mask of the sub-packets whose depths have changed.
-#[derive(PartialEq, Eq)]
-pub(super) struct ChangedSubs([u64; SUBS / 64]);
-
-impl ChangedSubs {
-    pub(super) const NONE: ChangedSubs = ChangedSubs([0; SUBS / 64]);
-
-    /// Notes a sub-packet whose depths have changed.
-    #[inline(always)]
-    pub(super) fn add(&mut self, sub: usize) {
-        self.0[(sub / 64) % 2] |= 1 << (sub % 64);
-    }
-}
-
 /// Rays of a group and their hits.
 #[repr(C, align(64))]
 pub(super) struct GroupRays {
@@ -88,21 +73,21 @@ pub(super) struct GroupRays {
     pub(super) centred: GroupWindow,
     /// Greatest depth that a ray searches; [`OFF`] if all are off.
     pub(super) z_max: f32,
-    pub(super) sub_count: usize,
-    /// First sub-packet from which on all are empty.
+    packet_count: usize,
+    /// First packet from which on all are empty.
     cleared_from: usize,
-    pub(super) tiles: Windows<{ TILES / 8 }>,
-    pub(super) subs: Windows<{ SUBS / 8 }>,
-    pub(super) u: [[f32; 8]; SUBS],
-    pub(super) v: [[f32; 8]; SUBS],
+    pub(super) tiles: Windows<1>,
+    pub(super) packets: Windows<TILES>,
+    pub(super) u: [Lanes<f32>; PACKETS],
+    pub(super) v: [Lanes<f32>; PACKETS],
     /// Depths up to which rays search: of their ends, then of their nearest hits; [`OFF`] for lanes that are off.
-    pub(super) z: [[f32; 8]; SUBS],
+    pub(super) z: [Lanes<f32>; PACKETS],
     /// Depths from which rays search.
-    pub(super) z_near: [[f32; 8]; SUBS],
-    /// Triangles hit; [`NO_HIT_NUMBER`] for none.
-    pub(super) numbers: [[u32; 8]; SUBS],
-    /// Mask of the lanes that are in the group, by sub-packet.
-    pub(super) taken: [u32; SUBS],
+    pub(super) z_near: [Lanes<f32>; PACKETS],
+    /// Slots in the tree's blocks of the triangles hit, as [`TreeView::slot`] numbers them; [`NO_SLOT`] for none.
+    pub(super) slots: [Lanes<u32>; PACKETS],
+    /// Mask of the lanes that are in the group, by packet.
+    pub(super) taken: [u32; PACKETS],
 }
 
 impl GroupRays {
@@ -114,24 +99,24 @@ impl GroupRays {
             slopes: [0.0; 2],
             centred: GroupWindow::default(),
             z_max: OFF,
-            sub_count: 0,
+            packet_count: 0,
             cleared_from: 0,
             tiles: Windows::EMPTY,
-            subs: Windows::EMPTY,
-            u: [[0.0; 8]; SUBS],
-            v: [[0.0; 8]; SUBS],
-            z: [[OFF; 8]; SUBS],
-            z_near: [[0.0; 8]; SUBS],
-            numbers: [[NO_HIT_NUMBER; 8]; SUBS],
-            taken: [0; SUBS],
+            packets: Windows::EMPTY,
+            u: [[0.0; LANES]; PACKETS],
+            v: [[0.0; LANES]; PACKETS],
+            z: [[OFF; LANES]; PACKETS],
+            z_near: [[0.0; LANES]; PACKETS],
+            slots: [[NO_SLOT; LANES]; PACKETS],
+            taken: [0; PACKETS],
         })
     }
 
     /// Takes the pending rays that fit the frame, up to [`PACKETS`] packets; returns their number.
     #[inline(always)]
-    pub(super) fn load<W: WideLevel, J: GroupProjection>(
+    pub(super) fn load<I: SimdLevel, J: GroupProjection>(
         &mut self,
-        wide: W,
+        isa: I,
         packets: &[RayPacket],
         pending: &[u32],
         projection: J,
@@ -139,37 +124,36 @@ impl GroupRays {
     ) -> u32 {
         // Start with an empty window
         self.frame = frame;
-        let (infinity, minus_infinity) = (splat(wide, f32::INFINITY), splat(wide, f32::NEG_INFINITY));
+        let sixteen = isa.sixteen();
+        let infinity = splat(sixteen, f32::INFINITY);
+        let minus_infinity = splat(sixteen, f32::NEG_INFINITY);
         let (mut u_min, mut u_max) = (infinity, minus_infinity);
         let (mut v_min, mut v_max) = (infinity, minus_infinity);
         let mut count = 0;
-        self.sub_count = 0;
+        self.packet_count = 0;
         for (packet, &pending) in packets.iter().zip(pending).take(PACKETS) {
-            for h in 0..HALVES {
-                let sub = self.sub_count % SUBS;
-                self.sub_count += 1;
-                let pending = Float8::mask_of(wide, pending >> (8 * h));
-                let projected = projection.project(wide, packet, h, pending, &frame);
-                let ProjectedHalf {
-                    fits,
-                    u,
-                    v,
-                    z_near,
-                    z_far,
-                } = projected;
-                // Store the rays, with lanes that do not fit turned off
-                self.u[sub] = u.to_array();
-                self.v[sub] = v.to_array();
-                self.z[sub] = fits.select(z_far, splat(wide, OFF)).to_array();
-                self.z_near[sub] = z_near.to_array();
-                self.taken[sub] = fits.bits();
-                count += fits.bits().count_ones();
-                // Extend the window to them
-                u_min = u_min.min(fits.select(u, infinity));
-                u_max = u_max.max(fits.select(u, minus_infinity));
-                v_min = v_min.min(fits.select(v, infinity));
-                v_max = v_max.max(fits.select(v, minus_infinity));
-            }
+            let index = self.packet_count % PACKETS;
+            self.packet_count += 1;
+            let projected = projection.project(isa, packet, pending, &frame);
+            let ProjectedPacket {
+                fits,
+                u,
+                v,
+                z_near,
+                z_far,
+            } = projected;
+            // Store the rays, with lanes that do not fit turned off
+            self.u[index] = u.to_array();
+            self.v[index] = v.to_array();
+            self.z[index] = fits.select(z_far, splat(sixteen, OFF)).to_array();
+            self.z_near[index] = z_near.to_array();
+            self.taken[index] = fits.bits();
+            count += fits.bits().count_ones();
+            // Extend the window to them
+            u_min = u_min.min(fits.select(u, infinity));
+            u_max = u_max.max(fits.select(u, minus_infinity));
+            v_min = v_min.min(fits.select(v, infinity));
+            v_max = v_max.max(fits.select(v, minus_infinity));
         }
         // Reduce the window's lanes
         self.window = GroupWindow {
@@ -179,14 +163,14 @@ impl GroupRays {
             v_max: v_max.max_lane(),
         };
         if count > 0 {
-            self.centre::<W, J>(wide);
+            self.centre::<I, J>(isa);
         }
         count
     }
 
     /// Moves the centre of the window to zero, where rays have a common end, and computes the windows of all levels.
     #[inline(always)]
-    fn centre<W: WideLevel, J: GroupProjection>(&mut self, wide: W) {
+    fn centre<I: SimdLevel, J: GroupProjection>(&mut self, isa: I) {
         let GroupWindow {
             u_min,
             u_max,
@@ -205,86 +189,78 @@ impl GroupRays {
             v_min: v_min - centre[1],
             v_max: v_max - centre[1],
         };
-        // Move the rays and bound the sub-packets
-        let (infinity, minus_infinity) = (splat(wide, f32::INFINITY), splat(wide, f32::NEG_INFINITY));
-        let [centre_u, centre_v] = [splat(wide, centre[0]), splat(wide, centre[1])];
-        for sub in 0..self.sub_count.min(SUBS) {
-            let z = Float8::load(wide, &self.z[sub]);
-            let u = Float8::load(wide, &self.u[sub]) - centre_u;
-            let v = Float8::load(wide, &self.v[sub]) - centre_v;
-            self.u[sub] = u.to_array();
-            self.v[sub] = v.to_array();
-            let is_off = z.eq(splat(wide, OFF));
-            let (row, slot) = (sub / 8, sub % 8);
-            self.subs.u_min[row][slot] = is_off.select(infinity, u).min_lane();
-            self.subs.u_max[row][slot] = is_off.select(minus_infinity, u).max_lane();
-            self.subs.v_min[row][slot] = is_off.select(infinity, v).min_lane();
-            self.subs.v_max[row][slot] = is_off.select(minus_infinity, v).max_lane();
-            self.subs.z_max[row][slot] = z.max_lane();
-            self.numbers[sub] = [NO_HIT_NUMBER; 8];
+        // Move the rays and bound the packets
+        let sixteen = isa.sixteen();
+        let infinity = splat(sixteen, f32::INFINITY);
+        let minus_infinity = splat(sixteen, f32::NEG_INFINITY);
+        let [centre_u, centre_v] = [splat(sixteen, centre[0]), splat(sixteen, centre[1])];
+        for packet in 0..self.packet_count.min(PACKETS) {
+            let z = Floats::load(sixteen, &self.z[packet]);
+            let u = Floats::load(sixteen, &self.u[packet]) - centre_u;
+            let v = Floats::load(sixteen, &self.v[packet]) - centre_v;
+            self.u[packet] = u.to_array();
+            self.v[packet] = v.to_array();
+            let is_off = z.eq(splat(sixteen, OFF));
+            let (row, slot) = (packet / 8, packet % 8);
+            self.packets.u_min[row][slot] = is_off.select(infinity, u).min_lane();
+            self.packets.u_max[row][slot] = is_off.select(minus_infinity, u).max_lane();
+            self.packets.v_min[row][slot] = is_off.select(infinity, v).min_lane();
+            self.packets.v_max[row][slot] = is_off.select(minus_infinity, v).max_lane();
+            self.packets.z_max[row][slot] = z.max_lane();
+            self.slots[packet] = [NO_SLOT; LANES];
         }
         // Clear the rest of the last tile, and what a larger group has left: unbounded triangles overlap all windows
-        let end = self.sub_count.next_multiple_of(8).max(self.cleared_from);
-        self.cleared_from = self.sub_count;
-        for sub in self.sub_count..end.min(SUBS) {
-            let (row, slot) = (sub / 8, sub % 8);
-            self.z[sub] = [OFF; 8];
-            self.subs.u_min[row][slot] = f32::INFINITY;
-            self.subs.u_max[row][slot] = f32::NEG_INFINITY;
-            self.subs.v_min[row][slot] = f32::INFINITY;
-            self.subs.v_max[row][slot] = f32::NEG_INFINITY;
-            self.subs.z_max[row][slot] = OFF;
+        let end = self.packet_count.next_multiple_of(8).max(self.cleared_from);
+        self.cleared_from = self.packet_count;
+        for packet in self.packet_count..end.min(PACKETS) {
+            let (row, slot) = (packet / 8, packet % 8);
+            self.z[packet] = [OFF; LANES];
+            self.packets.u_min[row][slot] = f32::INFINITY;
+            self.packets.u_max[row][slot] = f32::NEG_INFINITY;
+            self.packets.v_min[row][slot] = f32::INFINITY;
+            self.packets.v_max[row][slot] = f32::NEG_INFINITY;
+            self.packets.z_max[row][slot] = OFF;
         }
         // Bound the tiles, then the group
+        let eight = isa.eight();
         self.tiles = Windows::EMPTY;
         for tile in 0..self.tile_count() {
-            let (row, slot) = (tile / 8, tile % 8);
-            self.tiles.u_min[row][slot] = Float8::load(wide, &self.subs.u_min[tile]).min_lane();
-            self.tiles.u_max[row][slot] = Float8::load(wide, &self.subs.u_max[tile]).max_lane();
-            self.tiles.v_min[row][slot] = Float8::load(wide, &self.subs.v_min[tile]).min_lane();
-            self.tiles.v_max[row][slot] = Float8::load(wide, &self.subs.v_max[tile]).max_lane();
-            self.tiles.z_max[row][slot] = Float8::load(wide, &self.subs.z_max[tile]).max_lane();
+            self.tiles.u_min[0][tile] = Floats::load(eight, &self.packets.u_min[tile]).min_lane();
+            self.tiles.u_max[0][tile] = Floats::load(eight, &self.packets.u_max[tile]).max_lane();
+            self.tiles.v_min[0][tile] = Floats::load(eight, &self.packets.v_min[tile]).min_lane();
+            self.tiles.v_max[0][tile] = Floats::load(eight, &self.packets.v_max[tile]).max_lane();
+            self.tiles.z_max[0][tile] = Floats::load(eight, &self.packets.z_max[tile]).max_lane();
         }
-        self.bound_depth(wide);
+        self.z_max = Floats::load(eight, &self.tiles.z_max[0]).max_lane();
     }
 
-    /// Computes the greatest depths anew where sub-packets have changed.
+    /// Computes the greatest depths anew; those of the packets in the mask `changed` have changed.
     #[inline(always)]
-    pub(super) fn update_depths<W: WideLevel>(&mut self, wide: W, changed: &ChangedSubs) {
-        // Update the sub-packets
-        for word in 0..2 {
-            let mut subs = changed.0[word];
-            while subs != 0 {
-                let sub = (64 * word + subs.trailing_zeros() as usize) % SUBS;
-                subs &= subs - 1;
-                self.subs.z_max[sub / 8][sub % 8] = Float8::load(wide, &self.z[sub]).max_lane();
-            }
+    pub(super) fn update_depths(&mut self, isa: impl SimdLevel, changed: u64) {
+        // Update the packets
+        let mut packets = changed;
+        while packets != 0 {
+            let packet = packets.trailing_zeros() as usize % PACKETS;
+            packets &= packets - 1;
+            let z_max = Floats::load(isa.sixteen(), &self.z[packet]).max_lane();
+            self.packets.z_max[packet / 8][packet % 8] = z_max;
         }
         // Update their tiles
-        for word in 0..2 {
-            let mut subs = changed.0[word];
-            while subs != 0 {
-                let tile = (8 * word + subs.trailing_zeros() as usize / 8) % 16;
-                subs &= !(0xff << (8 * (tile % 8)));
-                self.tiles.z_max[tile / 8][tile % 8] = Float8::load(wide, &self.subs.z_max[tile]).max_lane();
-            }
+        let mut packets = changed;
+        while packets != 0 {
+            let tile = packets.trailing_zeros() as usize / 8 % TILES;
+            packets &= !(0xff << (8 * tile));
+            let z_max = Floats::load(isa.eight(), &self.packets.z_max[tile]).max_lane();
+            self.tiles.z_max[0][tile] = z_max;
         }
         // Update the group
-        self.bound_depth(wide);
+        self.z_max = Floats::load(isa.eight(), &self.tiles.z_max[0]).max_lane();
     }
 
     /// Returns the number of tiles in use.
     #[inline(always)]
     pub(super) fn tile_count(&self) -> usize {
-        self.sub_count.div_ceil(8).min(TILES)
-    }
-
-    /// Computes the greatest depth of all rays from those of the tiles.
-    #[inline(always)]
-    fn bound_depth<W: WideLevel>(&mut self, wide: W) {
-        let low = Float8::load(wide, &self.tiles.z_max[0]);
-        let high = Float8::load(wide, &self.tiles.z_max[1]);
-        self.z_max = low.max(high).max_lane();
+        self.packet_count.div_ceil(8).min(TILES)
     }
 
     /// Returns the greatest magnitude of u or v of a ray, not relative to the centre.
@@ -310,9 +286,9 @@ impl GroupRays {
         } = self.centred;
         // Add the areas of the smallest parts that are in use
         let parts = if self.tile_count() > 1 {
-            self.tiles.area(0) + self.tiles.area(1)
+            self.tiles.area(0)
         } else {
-            self.subs.area(0)
+            self.packets.area(0)
         };
         (u_max - u_min) * (v_max - v_min) > MAX_SPARSITY * parts
     }

@@ -4,7 +4,7 @@ use crate::accel::native::build::build_tree;
 use crate::accel::native::single;
 use crate::accel::native::testing::{RandomNumbers, baked, brute_force};
 use crate::accel::{Accel, Coherence, LANES, Query, RayPacket};
-use crate::mesh::simd::{Scalar, SimdKernel};
+use crate::mesh::simd::{Scalar, SimdKernel, dispatch};
 use crate::mesh::{Mesh, bumpy_sphere};
 use crate::numeric::{Ray, spawn_point, triangle_spawn_error};
 use crate::scene::{Geometry, Scene};
@@ -105,7 +105,7 @@ fn nearest_hits_are_those_of_brute_force() {
         let scene = baked(mesh);
         let brute = brute_force(&scene);
         let mesh = mesh_of(&scene);
-        let (tree, runs) = (build_tree(&[mesh]).unwrap(), [TriangleRun::new(0, 0, mesh)]);
+        let tree = build_tree(&[mesh]).unwrap();
         // Compare cones of all sizes and widths
         for size in [1, 4, 16, 64, 70] {
             for width in [0.05, 0.4, 2.0] {
@@ -113,7 +113,7 @@ fn nearest_hits_are_those_of_brute_force() {
                 let mut expected = from_origin(origin, size, width, &mut random);
                 let mut actual = expected.clone();
                 brute.intersect(&mut expected, Coherence::Coherent);
-                intersect(tree.view(), &runs, &mut actual, origin);
+                intersect(tree.view(), &mut actual, origin);
                 for (a, b) in expected.iter().zip(&actual) {
                     for lane in 0..LANES {
                         let (Some(a), Some(b)) = (a.hit(lane), b.hit(lane)) else {
@@ -130,6 +130,32 @@ fn nearest_hits_are_those_of_brute_force() {
         }
     }
     assert!(hit_count > 5000, "{hit_count}");
+}
+
+#[test]
+fn of_coincident_triangles_that_of_the_lowest_number_is_hit() {
+    // Repeat all triangles under higher numbers
+    let count = 300;
+    let mut mesh = soup(count, 4);
+    mesh.triangles = mesh.triangles.repeat(3).into();
+    let tree = build_tree(&[&mesh]).unwrap();
+    let mut random = RandomNumbers(9);
+    let mut hit_count = 0;
+    for size in [1, 64] {
+        for width in [0.01, 0.5] {
+            let origin = random.vector() * 2.0;
+            let mut packets = from_origin(origin, size, width, &mut random);
+            intersect(tree.view(), &mut packets, origin);
+            let hits = packets
+                .iter()
+                .flat_map(|packet| (0..LANES).filter_map(|lane| packet.hit(lane)));
+            for hit in hits {
+                hit_count += 1;
+                assert!((hit.primitive as usize) < count, "{hit:?}");
+            }
+        }
+    }
+    assert!(hit_count > 500, "{hit_count}");
 }
 
 #[test]
@@ -158,7 +184,7 @@ fn blocked_rays_are_those_of_brute_force() {
 fn instruction_sets_give_the_same_bits() {
     let mut random = RandomNumbers(3);
     let mesh = soup(3000, 8);
-    let (tree, runs) = (build_tree(&[&mesh]).unwrap(), [TriangleRun::new(0, 0, &mesh)]);
+    let tree = build_tree(&[&mesh]).unwrap();
     for size in [1, 4, 16, 64] {
         for turn in 0..2 {
             let point = random.vector() * 2.0;
@@ -166,27 +192,27 @@ fn instruction_sets_give_the_same_bits() {
                 0 => from_origin(point, size, 0.5, &mut random),
                 _ => to_target(point, size, &mut random),
             };
-            // Trace them without SIMD, and with the best instruction set
-            let (mut a, mut b) = (packets.clone(), packets);
+            // Trace them without SIMD, with AVX2, and with the best instruction set
+            let mut copies = [packets.clone(), packets.clone(), packets];
             let mut scratch = Scratch::new();
+            let [scalar, eight, best] = &mut copies;
             match turn {
                 0 => {
-                    let exact = ExactHits {
-                        tree: tree.view(),
-                        runs: &runs,
-                    };
-                    let query = NearestFromOrigin { origin: point, exact };
-                    GroupKernel::new(tree.view(), &mut a, query, &mut scratch).run(Scalar);
-                    intersect(tree.view(), &runs, &mut b, point);
+                    let query = NearestFromOrigin(point);
+                    GroupKernel::new(tree.view(), scalar, query, &mut scratch).run(Scalar);
+                    dispatch(GroupKernel::new(tree.view(), eight, query, &mut scratch));
+                    intersect(tree.view(), best, point);
                 }
                 _ => {
                     let query = AnyToLight(CommonEnd::Target(point));
-                    GroupKernel::new(tree.view(), &mut a, query, &mut scratch).run(Scalar);
-                    occluded(tree.view(), &mut b, RayEnd::Point(point));
+                    GroupKernel::new(tree.view(), scalar, query, &mut scratch).run(Scalar);
+                    dispatch(GroupKernel::new(tree.view(), eight, query, &mut scratch));
+                    occluded(tree.view(), best, RayEnd::Point(point));
                 }
             }
             // Compare the bits
-            for (a, b) in a.iter().zip(&b) {
+            let [scalar, others @ ..] = &copies;
+            for (a, b) in others.iter().flat_map(|other| scalar.iter().zip(other)) {
                 for lane in 0..LANES {
                     let bits = |p: &RayPacket| {
                         p.hit(lane)
@@ -216,12 +242,7 @@ fn coordinates_out_of_range_are_traced_too() {
                 packet.direction[axis] = packet.direction[axis].map(|x| x * scale);
             }
         }
-        intersect(
-            tree.view(),
-            &[TriangleRun::new(0, 0, &mesh)],
-            &mut packets,
-            Vec3::ZERO,
-        );
+        intersect(tree.view(), &mut packets, Vec3::ZERO);
         for packet in &packets {
             for lane in 0..LANES {
                 assert_eq!(packet.hit(lane).is_some(), packet.is_active(lane));
@@ -256,7 +277,7 @@ fn leaks(mesh: &Mesh, origin: Vec3, ray_count: usize, at_edges: bool) -> usize {
             }
             first += 7919 * LANES;
             traced += size * LANES;
-            intersect(tree.view(), &[TriangleRun::new(0, 0, mesh)], &mut packets, origin);
+            intersect(tree.view(), &mut packets, origin);
             occluded(tree.view(), &mut shadows, RayEnd::Point(origin));
             for (packet, shadow) in packets.iter().zip(&shadows) {
                 for lane in 0..LANES {

@@ -1,9 +1,8 @@
 //! Traversal of the tree by a group.
 
 use crate::accel::RayPacket;
-use crate::mesh::simd::{WideLevel, lanes};
+use crate::mesh::simd::{SimdLevel, lanes};
 
-use super::frame::splat;
 use super::frustum::{DepthWindow, Frustum};
 use super::leaf::test_block;
 use super::projection::GroupProjection;
@@ -35,8 +34,8 @@ impl GroupStack {
 
 /// Finds the hits of all rays of a group, which are those of `packets`.
 #[inline(always)]
-pub(super) fn traverse<W: WideLevel, P: GroupQuery>(
-    wide: W,
+pub(super) fn traverse<I: SimdLevel, P: GroupQuery>(
+    isa: I,
     tree: TreeView,
     rays: &mut GroupRays,
     packets: &[RayPacket],
@@ -52,21 +51,20 @@ pub(super) fn traverse<W: WideLevel, P: GroupQuery>(
         let mut only = None;
         if child.is_leaf() {
             // Test the triangles; stop if all rays are blocked
-            test_block::<W, P>(wide, &tree.blocks[child.index()], rays, packets);
+            test_block::<I, P>(isa, tree, child.index(), rays, packets);
             if P::IS_ANY && rays.z_max == OFF {
                 return;
             }
         } else {
             // Test the eight boxes against the frustum, then against the windows of rays
             let node = &tree.nodes[child.index()];
-            let (mask, depths) = frustum.test(wide, node, rays.z_max);
+            let (mask, depths) = frustum.test(isa.eight(), node, rays.z_max);
             if mask != 0 {
-                let mask =
-                    with_rays::<W, P::Projection>(wide, &frustum, rays, node, mask, &depths.to_array());
+                let mask = with_rays::<I, P::Projection>(isa, &frustum, rays, node, mask, &depths.to_array());
                 if mask != 0 && mask & (mask - 1) == 0 {
                     only = Some(node.children[mask.trailing_zeros() as usize % WIDTH]);
                 } else {
-                    count = push(wide, tree, node, mask, &depths.to_array(), stack, count);
+                    count = push(isa, tree, node, mask, &depths.to_array(), stack, count);
                 }
             }
         }
@@ -91,8 +89,8 @@ pub(super) fn traverse<W: WideLevel, P: GroupQuery>(
 
 /// Returns the children of `mask` whose window contains a ray that reaches their depth.
 #[inline(always)]
-fn with_rays<W: WideLevel, J: GroupProjection>(
-    wide: W,
+fn with_rays<I: SimdLevel, J: GroupProjection>(
+    isa: I,
     frustum: &Frustum,
     rays: &GroupRays,
     node: &NativeNode,
@@ -100,19 +98,19 @@ fn with_rays<W: WideLevel, J: GroupProjection>(
     depths: &[f32; WIDTH],
 ) -> u32 {
     // Project the boxes
-    let [u_min, u_max, v_min, v_max] = frustum.windows::<W, J>(wide, node);
+    let [u_min, u_max, v_min, v_max] = frustum.windows::<I::Eight, J>(isa.eight(), node);
     let mut kept = 0;
     // Look for a ray in the window of each
     for slot in lanes(mask) {
         let slot = slot % WIDTH;
         let target = DepthWindow {
-            u_min: splat(wide, u_min[slot]),
-            u_max: splat(wide, u_max[slot]),
-            v_min: splat(wide, v_min[slot]),
-            v_max: splat(wide, v_max[slot]),
-            z_min: splat(wide, depths[slot]),
+            u_min: u_min[slot],
+            u_max: u_max[slot],
+            v_min: v_min[slot],
+            v_max: v_max[slot],
+            z_min: depths[slot],
         };
-        if target.has_ray(wide, rays) {
+        if target.has_ray(isa, rays) {
             kept |= 1 << slot;
         }
     }
@@ -121,8 +119,8 @@ fn with_rays<W: WideLevel, J: GroupProjection>(
 
 /// Pushes the children of `mask`, the nearest on top, and starts loading them; returns the new stack size.
 #[inline(always)]
-fn push<W: WideLevel>(
-    wide: W,
+fn push(
+    isa: impl SimdLevel,
     tree: TreeView,
     node: &NativeNode,
     mask: u32,
@@ -137,7 +135,7 @@ fn push<W: WideLevel>(
     for slot in lanes(mask) {
         let slot = slot % WIDTH;
         let child = node.children[slot];
-        prefetch(wide, tree, child);
+        prefetch(isa, tree, child);
         // Insert the child behind those that are nearer
         let depth = depths[slot];
         let mut position = count % WIDTH;

@@ -10,8 +10,8 @@ pub(super) const NO_NUMBER: u32 = u32::MAX;
 /// Maximum number of nodes on a path from the root to a leaf, which the builder keeps to.
 pub(super) const MAX_DEPTH: usize = 64;
 /// Maximum number of stack entries of a traversal: every level leaves all but one of its children behind, and the last
-/// adds a full set.
-pub(super) const STACK: usize = MAX_DEPTH * (WIDTH - 1) + WIDTH;
+/// adds a full set. Rounded up to a power of two, by which an index is limited without a division.
+pub(super) const STACK: usize = (MAX_DEPTH * (WIDTH - 1) + WIDTH).next_power_of_two();
 
 /// Link to a node or to a block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]

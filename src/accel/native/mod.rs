@@ -6,6 +6,7 @@
 //! tree (`packet`). Shapes and instanced meshes are left to a BSP, and infinite planes are tested last.
 
 mod build;
+mod child_stack;
 mod group;
 mod layout;
 mod packet;

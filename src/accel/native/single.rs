@@ -8,7 +8,8 @@ use crate::mesh::simd::{Floats, SimdKernel, SimdLevel, dispatch, lanes};
 use crate::mesh::triangle::{PACK, Shear};
 use crate::numeric::Ray;
 
-use super::layout::{ChildLink, STACK, TreeView, WIDTH};
+use super::child_stack::{ChildStack, PoppedChild};
+use super::layout::{ChildLink, NativeNode, TreeView, WIDTH};
 
 /// Finds the hits of every active lane for a query, one ray at a time.
 pub(super) fn trace(tree: TreeView, packets: &mut [RayPacket], query: Query) {
@@ -39,7 +40,7 @@ impl SimdKernel for SingleRays<'_> {
 
     #[inline(always)]
     fn run<I: SimdLevel>(self, isa: I) {
-        let mut stack = SingleStack::new();
+        let mut stack = ChildStack::new();
         for packet in self.packets {
             // Leave out what was traced in packets, where rays that are blocked would not be traceable
             if packet.active_mask().count_ones() < self.limit {
@@ -53,28 +54,6 @@ impl SimdKernel for SingleRays<'_> {
     }
 }
 
-/// Node or block that waits for its visit.
-#[derive(Clone, Copy)]
-struct EnteredChild {
-    /// Parameter at which the ray enters the box.
-    t: f32,
-    child: ChildLink,
-}
-
-/// Stack of nodes and blocks with the parameters at which the ray enters them. Allocated once for many rays.
-pub(super) struct SingleStack(Box<[EnteredChild; STACK]>);
-
-impl SingleStack {
-    /// Allocates an empty stack.
-    pub(super) fn new() -> SingleStack {
-        let nothing = EnteredChild {
-            t: 0.0,
-            child: ChildLink::EMPTY,
-        };
-        SingleStack(Box::new([nothing; STACK]))
-    }
-}
-
 /// Traces the ray of one lane and writes the result into the packet.
 #[inline(always)]
 pub(super) fn trace_lane(
@@ -83,7 +62,7 @@ pub(super) fn trace_lane(
     packet: &mut RayPacket,
     lane: usize,
     query: Query,
-    stack: &mut SingleStack,
+    stack: &mut ChildStack,
 ) {
     let ray = packet.ray(lane);
     // Compile a kernel for each kind of query
@@ -131,7 +110,7 @@ fn traverse(
     tree: TreeView,
     ray: &Ray,
     query: Query,
-    stack: &mut SingleStack,
+    stack: &mut ChildStack,
 ) -> Option<Hit> {
     let state = SingleRay::new(ray);
     // Start with a hit at the end of the ray that every other one replaces
@@ -146,7 +125,7 @@ fn traverse(
         return None;
     }
     let mut child = tree.root;
-    let mut waiting = 0;
+    let mut count = 0;
     loop {
         if child.is_leaf() {
             // Intersect eight triangles and keep the nearest hit, of equals that of the lowest number
@@ -171,37 +150,30 @@ fn traverse(
                 }
             }
         } else {
-            // Intersect eight boxes
-            waiting = enter(isa, tree, child.index(), &state, best.t, stack, waiting);
+            // Intersect eight boxes, and push those that the ray enters before the hit
+            let node = &tree.nodes[child.index()];
+            let entered = enter(isa, node, &state, best.t);
+            count = stack.push(isa, (tree, node), entered.mask, &entered.t, count);
         }
         // Continue with the nearest child that the ray enters before the hit
-        loop {
-            if waiting == 0 {
-                return (best.primitive != u32::MAX).then_some(best);
-            }
-            waiting -= 1;
-            let next = stack.0[waiting % STACK];
-            if next.t <= best.t {
-                child = next.child;
-                break;
-            }
-        }
+        let Some(next) = stack.pop(count, best.t) else {
+            return (best.primitive != u32::MAX).then_some(best);
+        };
+        PoppedChild { child, count } = next;
     }
 }
 
-/// Pushes the children that the ray intersects up to `t_far`, the nearest on top; returns the new stack size.
+/// Boxes of a node that a ray enters.
+struct EnteredBoxes {
+    /// Mask of the children.
+    mask: u32,
+    /// Parameters at which the ray enters them.
+    t: [f32; WIDTH],
+}
+
+/// Intersects a ray up to `t_far` with the eight boxes of a node by the slab method.
 #[inline(always)]
-fn enter(
-    isa: impl SimdLevel,
-    tree: TreeView,
-    index: usize,
-    state: &SingleRay,
-    t_far: f32,
-    stack: &mut SingleStack,
-    waiting: usize,
-) -> usize {
-    // Intersect the ray with the eight boxes by the slab method
-    let node = &tree.nodes[index];
+fn enter(isa: impl SimdLevel, node: &NativeNode, state: &SingleRay, t_far: f32) -> EnteredBoxes {
     let eight = isa.eight();
     let mut near = Floats::splat(eight, state.t_near);
     let mut far = Floats::splat(eight, t_far);
@@ -214,42 +186,9 @@ fn enter(
         near = ((Floats::load(eight, &node.bounds[first][axis]) - origin) * enter).max(near);
         far = ((Floats::load(eight, &node.bounds[1 - first][axis]) - origin) * leave).min(far);
     }
-    let mask = near.le(far).bits();
-    if mask == 0 {
-        return waiting;
-    }
-    // Insert the children into the stack by their distances
-    let near = near.to_array();
-    let Some(slots) = stack.0[waiting..].first_chunk_mut::<WIDTH>() else {
-        return waiting;
-    };
-    let mut count = 0;
-    for slot in lanes(mask) {
-        let slot = slot % WIDTH;
-        prefetch(isa, tree, node.children[slot]);
-        let mut position = count;
-        while position > 0 && slots[position - 1].t < near[slot] {
-            slots[position] = slots[position - 1];
-            position -= 1;
-        }
-        slots[position] = EnteredChild {
-            t: near[slot],
-            child: node.children[slot],
-        };
-        count = (count + 1) % (WIDTH + 1);
-    }
-    waiting + count
-}
-
-/// Starts loading a node or a block.
-#[inline(always)]
-pub(super) fn prefetch(isa: impl SimdLevel, tree: TreeView, child: ChildLink) {
-    if child.is_leaf() {
-        if let Some(block) = tree.blocks.get(child.index()) {
-            isa.prefetch(block);
-        }
-    } else if let Some(node) = tree.nodes.get(child.index()) {
-        isa.prefetch(node);
+    EnteredBoxes {
+        mask: near.le(far).bits(),
+        t: near.to_array(),
     }
 }
 

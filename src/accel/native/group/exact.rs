@@ -5,8 +5,9 @@
 //! division into groups. So every hit is computed again as the single-ray kernel computes it, sixteen at a time. Where
 //! the reference test misses the triangle, which at an edge it may, it hits a neighbour: the ray is traced alone.
 
+use crate::accel::native::child_stack::ChildStack;
 use crate::accel::native::layout::TreeView;
-use crate::accel::native::single::{SingleStack, trace_lane};
+use crate::accel::native::single::trace_lane;
 use crate::accel::{LANES, Query, RayPacket};
 use crate::mesh::simd::{Floats, LaneMask, SimdLevel, lanes};
 use crate::mesh::triangle::ShearLanes;
@@ -22,7 +23,7 @@ pub(super) fn write_exact_hits(
     tree: TreeView,
     rays: &GroupRays,
     packets: &mut [RayPacket],
-    stack: &mut SingleStack,
+    stack: &mut ChildStack,
 ) {
     let none = splat(isa.sixteen(), f32::from_bits(NO_SLOT));
     for (index, packet) in packets.iter_mut().enumerate() {

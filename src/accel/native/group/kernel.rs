@@ -1,7 +1,8 @@
 //! Kernel that divides packets into groups of similar directions, and traces each.
 
+use crate::accel::native::child_stack::ChildStack;
 use crate::accel::native::layout::{Box3, TreeView};
-use crate::accel::native::single::{SingleStack, trace_lane};
+use crate::accel::native::single::trace_lane;
 use crate::accel::{LANES, Query, RayPacket};
 use crate::mesh::simd::{Floats, SimdKernel, SimdLevel, lanes};
 use glam::Vec3;
@@ -9,7 +10,7 @@ use glam::Vec3;
 use super::projection::{GroupProjection, MAX_COORDINATE};
 use super::query::GroupQuery;
 use super::rays::{GroupRays, PACKETS};
-use super::traverse::{GroupStack, traverse};
+use super::traverse::traverse;
 
 /// Number of rays up to which they are traced one at a time.
 const FEW: u32 = 4;
@@ -19,8 +20,7 @@ const COORDINATE_RANGE: [f32; 2] = [1.0 / MAX_COORDINATE, MAX_COORDINATE];
 /// Memory of a traversal, for reuse.
 pub(super) struct Scratch {
     rays: Box<GroupRays>,
-    stack: Box<GroupStack>,
-    single_stack: SingleStack,
+    stack: ChildStack,
     /// Packets that wait for their turn.
     parts: Vec<PacketRange>,
 }
@@ -30,8 +30,7 @@ impl Scratch {
     pub(super) fn new() -> Box<Scratch> {
         Box::new(Scratch {
             rays: GroupRays::new(),
-            stack: GroupStack::new(),
-            single_stack: SingleStack::new(),
+            stack: ChildStack::new(),
             parts: Vec::new(),
         })
     }
@@ -142,7 +141,7 @@ fn trace_singly<P: GroupQuery>(
     let query = if P::IS_ANY { Query::Any } else { Query::Nearest };
     for (packet, &pending) in packets.iter_mut().zip(pending) {
         for lane in lanes(pending) {
-            trace_lane(isa, tree, packet, lane % LANES, query, &mut scratch.single_stack);
+            trace_lane(isa, tree, packet, lane % LANES, query, &mut scratch.stack);
         }
     }
 }
@@ -201,8 +200,8 @@ impl<P: GroupQuery> PartTracer<'_, P> {
                 trace_singly::<P>(isa, self.tree, packets, &taken, scratch);
             } else {
                 traverse::<_, P>(isa, self.tree, rays, packets, &mut scratch.stack);
-                let stack = &mut scratch.single_stack;
-                self.query.write_hits(isa, self.tree, rays, packets, stack);
+                self.query
+                    .write_hits(isa, self.tree, rays, packets, &mut scratch.stack);
             }
             // Strike them off the pending ones
             for (pending, taken) in pending.iter_mut().zip(&scratch.rays.taken) {

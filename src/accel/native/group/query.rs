@@ -1,8 +1,8 @@
 //! Queries that a group kernel is compiled for.
 
 use crate::accel::RayPacket;
+use crate::accel::native::child_stack::ChildStack;
 use crate::accel::native::layout::TreeView;
-use crate::accel::native::single::SingleStack;
 use crate::mesh::simd::{Floats, LaneMask, SimdLevel};
 use glam::Vec3;
 
@@ -30,7 +30,7 @@ pub(super) trait GroupQuery: Copy {
         tree: TreeView,
         rays: &GroupRays,
         packets: &mut [RayPacket],
-        stack: &mut SingleStack,
+        stack: &mut ChildStack,
     );
 }
 
@@ -59,7 +59,7 @@ impl GroupQuery for NearestFromOrigin {
         tree: TreeView,
         rays: &GroupRays,
         packets: &mut [RayPacket],
-        stack: &mut SingleStack,
+        stack: &mut ChildStack,
     ) {
         write_exact_hits(isa, tree, rays, packets, stack);
     }
@@ -82,7 +82,7 @@ impl<J: GroupProjection> GroupQuery for AnyToLight<J> {
         _tree: TreeView,
         rays: &GroupRays,
         packets: &mut [RayPacket],
-        _stack: &mut SingleStack,
+        _stack: &mut ChildStack,
     ) {
         let sixteen = isa.sixteen();
         for (index, packet) in packets.iter_mut().enumerate() {

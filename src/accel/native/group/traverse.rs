@@ -8,29 +8,8 @@ use super::leaf::test_block;
 use super::projection::GroupProjection;
 use super::query::GroupQuery;
 use super::rays::{GroupRays, OFF};
-use crate::accel::native::layout::{ChildLink, NativeNode, STACK, TreeView, WIDTH};
-use crate::accel::native::single::prefetch;
-
-/// Node or block that waits for its visit, with its least depth.
-#[derive(Clone, Copy)]
-pub(super) struct Waiting {
-    depth: f32,
-    child: ChildLink,
-}
-
-/// Traversal stack. Allocated once for many groups.
-pub(super) struct GroupStack([Waiting; STACK]);
-
-impl GroupStack {
-    /// Allocates an empty stack.
-    pub(super) fn new() -> Box<GroupStack> {
-        let nothing = Waiting {
-            depth: 0.0,
-            child: ChildLink::EMPTY,
-        };
-        Box::new(GroupStack([nothing; STACK]))
-    }
-}
+use crate::accel::native::child_stack::{ChildStack, PoppedChild};
+use crate::accel::native::layout::{ChildLink, NativeNode, TreeView, WIDTH};
 
 /// Finds the hits of all rays of a group, which are those of `packets`.
 #[inline(always)]
@@ -39,7 +18,7 @@ pub(super) fn traverse<I: SimdLevel, P: GroupQuery>(
     tree: TreeView,
     rays: &mut GroupRays,
     packets: &[RayPacket],
-    stack: &mut GroupStack,
+    stack: &mut ChildStack,
 ) {
     if tree.root == ChildLink::EMPTY {
         return;
@@ -64,7 +43,7 @@ pub(super) fn traverse<I: SimdLevel, P: GroupQuery>(
                 if mask != 0 && mask & (mask - 1) == 0 {
                     only = Some(node.children[mask.trailing_zeros() as usize % WIDTH]);
                 } else {
-                    count = push(isa, tree, node, mask, &depths.to_array(), stack, count);
+                    count = stack.push(isa, (tree, node), mask, &depths.to_array(), count);
                 }
             }
         }
@@ -73,17 +52,10 @@ pub(super) fn traverse<I: SimdLevel, P: GroupQuery>(
             child = only;
             continue;
         }
-        loop {
-            if count == 0 {
-                return;
-            }
-            count -= 1;
-            let next = stack.0[count % STACK];
-            if next.depth <= rays.z_max {
-                child = next.child;
-                break;
-            }
-        }
+        let Some(next) = stack.pop(count, rays.z_max) else {
+            return;
+        };
+        PoppedChild { child, count } = next;
     }
 }
 
@@ -115,36 +87,4 @@ fn with_rays<I: SimdLevel, J: GroupProjection>(
         }
     }
     kept
-}
-
-/// Pushes the children of `mask`, the nearest on top, and starts loading them; returns the new stack size.
-#[inline(always)]
-fn push(
-    isa: impl SimdLevel,
-    tree: TreeView,
-    node: &NativeNode,
-    mask: u32,
-    depths: &[f32; WIDTH],
-    stack: &mut GroupStack,
-    first: usize,
-) -> usize {
-    let Some(slots) = stack.0[first % STACK..].first_chunk_mut::<WIDTH>() else {
-        return first;
-    };
-    let mut count = 0;
-    for slot in lanes(mask) {
-        let slot = slot % WIDTH;
-        let child = node.children[slot];
-        prefetch(isa, tree, child);
-        // Insert the child behind those that are nearer
-        let depth = depths[slot];
-        let mut position = count % WIDTH;
-        while position > 0 && slots[position - 1].depth < depth {
-            slots[position] = slots[position - 1];
-            position -= 1;
-        }
-        slots[position] = Waiting { depth, child };
-        count += 1;
-    }
-    first + count
 }

@@ -8,8 +8,6 @@ mod wide;
 
 pub use wide::{Floats, LaneMask, RegisterPair, WideLevel};
 
-/// Eight f32 in a register of an instruction set.
-pub type Float8<I> = Floats<<I as SimdLevel>::Eight, 8>;
 /// Sixteen f32 in one or two registers of an instruction set.
 pub type Float16<I> = Floats<<I as SimdLevel>::Sixteen, 16>;
 

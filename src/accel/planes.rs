@@ -11,6 +11,7 @@ use crate::numeric::{LANES, Lanes};
 use crate::scene::{Instance, Scene};
 
 /// The infinite planes of a scene, in the order of their instances.
+#[derive(Clone)]
 pub(super) struct Planes {
     still: Vec<PlaneForm>,
     /// Moving planes, with their instance indices.
@@ -18,6 +19,7 @@ pub(super) struct Planes {
 }
 
 /// World-space plane as a height function: the last row of the world-to-object transform, where the plane is z = 0.
+#[derive(Clone)]
 struct PlaneForm {
     instance: u32,
     gradient: DVec3,

@@ -29,6 +29,8 @@ pub struct MeasuredScene<'s> {
 pub struct BenchOptions<'a> {
     /// Options of the acceleration structures that are listed first.
     pub accel: &'a AccelOptions<'a>,
+    /// Whether Embree is measured at the other precisions, too.
+    pub all_precisions: bool,
     /// Number of repetitions, at least 1.
     pub repeat: usize,
     /// Threads that build the structures.

@@ -14,7 +14,7 @@ use crate::measure::{Blocks, Stopwatch, TurnTime};
 use crate::parallel;
 use crate::scene::Scene;
 
-/// TypedAccel acceleration structure of known type.
+/// Acceleration structure of known type.
 enum TypedAccel<'s> {
     #[cfg(feature = "embree")]
     Embree(EmbreeAccel<'s>),
@@ -41,6 +41,26 @@ impl<'s> TypedAccel<'s> {
             TypedAccel::Embree(embree) => embree,
             TypedAccel::Native(native) => native,
             TypedAccel::Bsp(bsp) => bsp,
+        }
+    }
+
+    /// Returns the structure with single-ray kernels; that of Embree is built again.
+    fn with_single_rays(
+        &self,
+        scene: &'s Scene,
+        options: &AccelOptions,
+    ) -> Result<TypedAccel<'s>, AccelError> {
+        match self {
+            #[cfg(feature = "embree")]
+            TypedAccel::Embree(_) => {
+                let options = AccelOptions {
+                    kernel: Kernel::Single,
+                    ..options.clone()
+                };
+                TypedAccel::new(scene, Backend::Embree, &options)
+            }
+            TypedAccel::Native(native) => Ok(TypedAccel::Native(native.with_kernel(Kernel::Single))),
+            TypedAccel::Bsp(bsp) => Ok(TypedAccel::Bsp(bsp.with_kernel(Kernel::Single))),
         }
     }
 
@@ -80,12 +100,9 @@ impl<'s> Structure<'s> {
 
     /// Builds the structure with single-ray kernels, too.
     fn with_single(self, scene: &'s Scene) -> Result<Structure<'s>, BenchError> {
-        let options = AccelOptions {
-            kernel: Kernel::Single,
-            ..self.options.clone()
-        };
+        let single = self.packet.with_single_rays(scene, &self.options)?;
         Ok(Structure {
-            single: Some(TypedAccel::new(scene, self.backend, &options)?),
+            single: Some(single),
             ..self
         })
     }
@@ -120,7 +137,7 @@ impl<'s> Structure<'s> {
                 // Embree with the other precisions
                 for precision in Precision::ALL {
                     check(options.observer)?;
-                    if precision != requested.precision {
+                    if options.all_precisions && precision != requested.precision {
                         all.push(new(Backend::Embree, at(precision))?);
                     }
                 }

@@ -22,6 +22,8 @@ mod reference;
 mod single;
 mod two_level;
 
+use std::sync::Arc;
+
 use super::extents::{Spheres, shape_spheres};
 use super::{
     Accel, AccelError, AccelOptions, AccelPart, AccelReport, Coherence, Kernel, Precision, Query, RayPacket,
@@ -44,9 +46,18 @@ pub struct BspAccel<'s> {
 
 /// The trees in the layout of the kernel that traverses them.
 enum TraversalKernel<'s> {
-    Reference(TwoLevelTree<'s, PlaneTree>),
-    Single(TwoLevelTree<'s, Tree8>),
-    Packet(TwoLevelTree<'s, Tree8>),
+    Reference(Arc<TwoLevelTree<'s, PlaneTree>>),
+    Single(Arc<TwoLevelTree<'s, Tree8>>),
+    Packet(Arc<TwoLevelTree<'s, Tree8>>),
+}
+
+impl<'s> TraversalKernel<'s> {
+    fn new(kernel: Kernel, levels: Arc<TwoLevelTree<'s, Tree8>>) -> TraversalKernel<'s> {
+        match kernel {
+            Kernel::Single => TraversalKernel::Single(levels),
+            Kernel::Packet => TraversalKernel::Packet(levels),
+        }
+    }
 }
 
 impl<'s> BspAccel<'s> {
@@ -88,19 +99,29 @@ impl<'s> BspAccel<'s> {
             what: "spheres",
             bytes: spheres,
         });
-        // Choose the kernel; both traverse the same layout
-        let traversal = match options.kernel {
-            Kernel::Single => TraversalKernel::Single(levels),
-            Kernel::Packet => TraversalKernel::Packet(levels),
-        };
         if options.precision == Precision::Fast {
             report.summary += ", triangles in f32";
         }
         Ok(BspAccel {
-            traversal,
+            traversal: TraversalKernel::new(options.kernel, Arc::new(levels)),
             precision: options.precision,
             report,
         })
+    }
+
+    /// Returns the same trees with another kernel; those of the reference kernel keep it.
+    pub(crate) fn with_kernel(&self, kernel: Kernel) -> BspAccel<'s> {
+        let traversal = match &self.traversal {
+            TraversalKernel::Reference(levels) => TraversalKernel::Reference(Arc::clone(levels)),
+            TraversalKernel::Single(levels) | TraversalKernel::Packet(levels) => {
+                TraversalKernel::new(kernel, Arc::clone(levels))
+            }
+        };
+        BspAccel {
+            traversal,
+            precision: self.precision,
+            report: self.report.clone(),
+        }
     }
 
     /// Returns the number of instances with a bounding sphere.
@@ -128,7 +149,7 @@ impl<'s> BspAccel<'s> {
         })?;
         let report = report(&levels);
         Ok(BspAccel {
-            traversal: TraversalKernel::Reference(levels),
+            traversal: TraversalKernel::Reference(Arc::new(levels)),
             precision: Precision::Watertight,
             report,
         })

@@ -16,6 +16,8 @@ mod small_tree;
 pub(super) mod testing;
 mod triangle_run;
 
+use std::sync::Arc;
+
 use glam::Vec3;
 
 use super::bsp::BspAccel;
@@ -35,9 +37,9 @@ use triangle_run::TriangleRun;
 /// The structures of a scene.
 pub struct NativeAccel<'s> {
     /// Tree of the triangles of all baked meshes.
-    triangles: GroupTree,
+    triangles: Arc<GroupTree>,
     /// Leaves of the tree if it is small.
-    small: Option<SmallTree>,
+    small: Option<Arc<SmallTree>>,
     /// Instances of the triangles, in the order of their numbers.
     runs: Vec<TriangleRun>,
     others: Others<'s>,
@@ -90,12 +92,27 @@ impl<'s> NativeAccel<'s> {
         let tree_bytes = triangles.byte_count() + small.as_ref().map_or(0, SmallTree::byte_count);
         Ok(NativeAccel {
             report: report(tree_bytes as u64, count, &others),
-            small,
-            triangles,
+            small: small.map(Arc::new),
+            triangles: Arc::new(triangles),
             runs,
             others,
             kernel: options.kernel,
         })
+    }
+
+    /// Returns the same structures with another kernel.
+    pub(crate) fn with_kernel(&self, kernel: Kernel) -> NativeAccel<'s> {
+        NativeAccel {
+            triangles: Arc::clone(&self.triangles),
+            small: self.small.clone(),
+            runs: self.runs.clone(),
+            others: match &self.others {
+                Others::Planes(planes) => Others::Planes(planes.clone()),
+                Others::Objects(bsp) => Others::Objects(Box::new(bsp.with_kernel(kernel))),
+            },
+            kernel,
+            report: self.report.clone(),
+        }
     }
 
     /// Finds the nearest hits if the rays can be traced as a group; else returns false, with hits of earlier queries

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::job::BenchJob;
-use super::sweep;
+use super::sweep::{self, Room};
 use crate::cli::args::BenchArgs;
 use crate::cli::failure::Failure;
 use crate::cli::progress::{Progress, Verbosity};
@@ -61,12 +61,19 @@ pub(super) fn measure_scenes<Row>(
     let mut rows = Vec::new();
     for subject in subjects {
         let name = subject.name();
-        // End the sweep where the memory does not suffice
-        if let Subject::Made(triangles) = subject
-            && let Some(words) = sweep::lacks_memory(*triangles)
-        {
-            progress.warn(&words);
+        // Measure less of a sweep where memory is short, and end it where it does not suffice
+        let room = match subject {
+            Subject::Made(triangles) => Room::of(*triangles),
+            Subject::File(_) => Room::All,
+        };
+        if let Room::Nothing(words) = &room {
+            progress.warn(words);
             break;
+        }
+        if let Room::OnePrecision = &room {
+            progress.warn(&format!(
+                "{name}: memory is short, so Embree is measured at the requested precision alone"
+            ));
         }
         // Load or generate the scene
         progress.phase(&name, "load");
@@ -85,6 +92,7 @@ pub(super) fn measure_scenes<Row>(
         let of_scene = progress.observe(|observer| {
             let options = BenchOptions {
                 accel: &accel,
+                all_precisions: matches!(room, Room::All),
                 repeat: args.repeat as usize,
                 pool: &pool,
                 scaling: &job.scaling,

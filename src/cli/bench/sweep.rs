@@ -11,9 +11,11 @@ use whit::scene::{Background, Camera, Falloff, Geometry, Instance, Light, LightK
 
 /// Number of mesh sizes per factor of ten.
 const SIZES_A_DECADE: i32 = 2;
-/// Peak memory in bytes per triangle: the mesh, its copy in Embree, and all acceleration structures over it, as
-/// measured by the peak of a sweep to 10^6 triangles, and a third more.
-const BYTES_PER_TRIANGLE: u64 = 800;
+/// Peak memory in bytes per triangle: the mesh, and all acceleration structures over it with one that is being built, as
+/// measured by the peak at 10^7 triangles, and a third more.
+const BYTES_PER_TRIANGLE: u64 = 650;
+/// The same where Embree is measured at the requested precision alone.
+const BYTES_PER_TRIANGLE_AT_ONE_PRECISION: u64 = 450;
 
 /// Half the edge length of the ground, and its height, which is below the lowest bump.
 const GROUND: f32 = 6.0;
@@ -44,16 +46,34 @@ pub(super) fn name(triangles: u64) -> String {
     format!("bumpy sphere, {} triangles", group_thousands(triangles))
 }
 
-/// Returns a warning if the memory is too small to measure so many triangles.
-pub(super) fn lacks_memory(triangles: u64) -> Option<String> {
-    let needed = triangles * BYTES_PER_TRIANGLE;
-    let free = memory::available_bytes().filter(|&free| needed > free)?;
-    Some(format!(
-        "the sweep stops here: {} triangles take about {} of memory and {} are free",
-        group_thousands(triangles),
-        memory::in_words(needed),
-        memory::in_words(free)
-    ))
+/// Measurements of a mesh that the memory has room for.
+pub(super) enum Room {
+    /// Embree at all precisions, and everything else.
+    All,
+    /// Embree at the requested precision alone, and everything else.
+    OnePrecision,
+    /// None, with the reason.
+    Nothing(String),
+}
+
+impl Room {
+    /// Returns what there is room for with so many triangles, in the memory that is free, if the system states it.
+    pub(super) fn of(triangles: u64) -> Room {
+        let free = memory::available_bytes().unwrap_or(u64::MAX);
+        let needed = triangles * BYTES_PER_TRIANGLE_AT_ONE_PRECISION;
+        if needed > free {
+            return Room::Nothing(format!(
+                "the sweep stops here: {} triangles take about {} of memory and {} are free",
+                group_thousands(triangles),
+                memory::in_words(needed),
+                memory::in_words(free)
+            ));
+        }
+        match triangles * BYTES_PER_TRIANGLE > free {
+            true => Room::OnePrecision,
+            false => Room::All,
+        }
+    }
 }
 
 /// Returns a scene with a polished bumpy sphere of about so many triangles over a dull ground, lit by a point light,
@@ -130,12 +150,18 @@ mod tests {
     }
 
     #[test]
-    fn mesh_larger_than_memory_causes_a_warning() {
-        // There is no warning on systems that do not report their free memory.
-        if memory::available_bytes().is_some() {
-            let words = lacks_memory(1 << 50).unwrap();
-            assert!(words.contains("1 125 899 906 842 624 triangles"), "{words}");
-        }
-        assert_eq!(lacks_memory(1_000), None);
+    fn mesh_larger_than_memory_ends_the_sweep() {
+        // There is no end on systems that do not report their free memory.
+        let Some(free) = memory::available_bytes() else {
+            return;
+        };
+        let Room::Nothing(words) = Room::of(1 << 50) else {
+            panic!("there is no room for 2^50 triangles");
+        };
+        assert!(words.contains("1 125 899 906 842 624 triangles"), "{words}");
+        assert!(matches!(Room::of(1_000), Room::All));
+        // A size between the two needs
+        let between = free * 2 / (BYTES_PER_TRIANGLE + BYTES_PER_TRIANGLE_AT_ONE_PRECISION);
+        assert!(matches!(Room::of(between), Room::OnePrecision));
     }
 }

@@ -513,9 +513,12 @@ fn occlude(
         let mut next = first;
         for index in first..packets.len() {
             if ends[index] == end {
-                packets.swap(index, next);
-                ends.swap(index, next);
-                places.swap(index, next);
+                // A packet that is in its place is not copied onto itself
+                if index != next {
+                    packets.swap(index, next);
+                    ends.swap(index, next);
+                    places.swap(index, next);
+                }
                 next += 1;
             }
         }

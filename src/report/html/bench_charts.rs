@@ -122,10 +122,12 @@ fn lines(x: &'static str, y: &'static str, chart_lines: &[ChartLine], more: Vec<
 }
 
 /// Methods whose lines a sweep shows, at each precision.
-const OVER_SIZE: [(Backend, Mode); 6] = [
+const OVER_SIZE: [(Backend, Mode); 8] = [
     (Backend::Embree, Mode::Packet),
     (Backend::Embree, Mode::Single),
     (Backend::Embree, Mode::Raw),
+    (Backend::Native, Mode::Single),
+    (Backend::Native, Mode::Batch),
     (Backend::Bsp, Mode::Packet),
     (Backend::Bsp, Mode::Single),
     (Backend::Bsp, Mode::Batch),

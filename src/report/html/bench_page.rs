@@ -114,21 +114,23 @@ fn numbers(rows: &[BenchRow], scene_count: usize) -> PageElement {
 fn sweep(rows: &[BenchRow]) -> Vec<PageElement> {
     let all: Vec<&BenchRow> = rows.iter().collect();
     let mut elements = vec![PageElement::named_heading("size", "Speed over mesh size")];
-    // List the crossings of Embree and the BSP
+    // List the crossings of Embree with the other backends
     let method_pairs = crossover::method_pairs(rows);
     if !method_pairs.is_empty() {
         let mut table = Table::new(
             "crossings",
             &[
                 Column::Words("what"),
+                Column::Words("backend"),
                 Column::Words("Embree’s precision"),
-                Column::Numbers("BSP over Embree"),
+                Column::Numbers("backend over Embree"),
                 Column::Words("crossings"),
             ],
         );
         for pairing in &method_pairs {
             let cells = [
                 Cell::text(&pairing.what),
+                Cell::text(&pairing.second.to_string()),
                 Cell::text(&pairing.precision.to_string()),
                 Cell::text(&pairing.ratios()),
                 Cell::wrapped(&pairing.verdict()),

@@ -105,11 +105,13 @@ impl MethodComparison {
     }
 }
 
-/// Comparison of Embree, the first method, with the BSP.
+/// Comparison of Embree, the first method, with a structure of our own.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MethodPair {
-    /// Compared quantity, such as `camera rays, packets`.
+    /// Compared quantity, such as `camera rays, single`.
     pub what: String,
+    /// Backend of the second method.
+    pub second: Backend,
     /// Precision of Embree's triangle hits.
     pub precision: Precision,
     /// Measurements of both methods over the size.
@@ -128,19 +130,21 @@ pub fn method_pairs(rows: &[BenchRow]) -> Vec<MethodPair> {
         }
     }
     let modes = [
-        ("packets", [Mode::Packet, Mode::Packet]),
         ("packets against batches", [Mode::Packet, Mode::Batch]),
         ("single", [Mode::Single, Mode::Single]),
     ];
     let mut all = Vec::new();
     let mut add = |what: String, precision, of: &dyn Fn(&BenchRow, usize) -> Option<Interval>| {
-        let race = race(rows, precision, of);
-        if race.places.len() > 1 {
-            all.push(MethodPair {
-                what,
-                precision,
-                race,
-            });
+        for second in [Backend::Native, Backend::Bsp] {
+            let race = race(rows, (precision, second), of);
+            if race.places.len() > 1 {
+                all.push(MethodPair {
+                    what: what.clone(),
+                    second,
+                    precision,
+                    race,
+                });
+            }
         }
     };
     // Compare speeds in each combination of modes
@@ -185,11 +189,11 @@ fn repeated(measured: Interval) -> Interval {
     }
 }
 
-/// Returns the comparison over the size by `of`, for Embree at `precision` and for the BSP: each from the first row of
-/// a size that has a value.
+/// Returns the comparison over the size by `of`, for Embree at `precision` and for the backend `second`: each from the
+/// first row of a size that has a value.
 fn race(
     rows: &[BenchRow],
-    precision: Precision,
+    (precision, second): (Precision, Backend),
     of: &dyn Fn(&BenchRow, usize) -> Option<Interval>,
 ) -> MethodComparison {
     let mut sizes: Vec<u64> = rows.iter().map(|row| row.triangles).collect();
@@ -201,7 +205,7 @@ fn race(
             let is_it = |row: &&BenchRow| {
                 let is_side = match side {
                     0 => row.backend == Backend::Embree && row.precision == precision,
-                    _ => row.backend == Backend::Bsp,
+                    _ => row.backend == second,
                 };
                 row.triangles == size && is_side
             };
@@ -217,9 +221,10 @@ fn race(
 impl MethodPair {
     /// Returns the lead of the methods over the size in words.
     pub fn verdict(&self) -> String {
-        let name = |ahead| match ahead {
-            Leader::First => "Embree",
-            Leader::Second => "the BSP",
+        let name = |ahead| match (ahead, self.second) {
+            (Leader::First, _) => "Embree",
+            (Leader::Second, Backend::Bsp) => "the BSP",
+            (Leader::Second, _) => "the native tree",
         };
         let Some(first) = self.race.begins() else {
             return "no method is significantly ahead at any size".to_owned();
@@ -250,7 +255,7 @@ impl MethodPair {
         words
     }
 
-    /// Returns the ratio of the BSP to Embree, from the smallest to the largest.
+    /// Returns the ratio of the second method to Embree, from the smallest to the largest.
     pub fn ratios(&self) -> String {
         let [low, high] = self.race.ratios();
         format!("{} to {}", times(low), times(high))
@@ -276,13 +281,15 @@ pub fn text(rows: &[BenchRow]) -> String {
         return String::new();
     }
     let mut text =
-        "crossings of Embree and the BSP over mesh size, with the ratios of the BSP to Embree\n".to_owned();
+        "crossings of Embree with the native tree and the BSP over mesh size, with the ratios to Embree\n"
+            .to_owned();
     for pairing in all {
         // Writing to a string cannot fail.
         let _ = writeln!(
             text,
-            "  {:<42}{:<12}{:<18}{}",
+            "  {:<42}{:<8}{:<12}{:<18}{}",
             pairing.what,
+            pairing.second.to_string(),
             pairing.precision.to_string(),
             pairing.ratios(),
             pairing.verdict()
@@ -343,6 +350,7 @@ mod tests {
     fn verdict_describes_every_crossing() {
         let pairing = |places: &[(u64, f64, f64)]| MethodPair {
             what: String::new(),
+            second: Backend::Bsp,
             precision: Precision::Robust,
             race: race(0.01, places),
         };
@@ -374,33 +382,35 @@ mod tests {
             mrays_per_s_min: 0.99 * speed,
             ..row(backend, mode, speed)
         };
-        // With packets, the BSP leads at the smaller size and Embree at the larger one.
+        // The native tree leads at the smaller size and Embree at the larger one.
         let rows = [
             sized(1_000, Backend::Embree, Mode::Packet, 8.0),
-            sized(1_000, Backend::Bsp, Mode::Packet, 16.0),
+            sized(1_000, Backend::Native, Mode::Batch, 16.0),
             sized(1_000, Backend::Bsp, Mode::Batch, 4.0),
             sized(100_000, Backend::Embree, Mode::Packet, 4.0),
-            sized(100_000, Backend::Bsp, Mode::Packet, 2.0),
+            sized(100_000, Backend::Native, Mode::Batch, 2.0),
             sized(100_000, Backend::Bsp, Mode::Batch, 2.0),
         ];
         let all = method_pairs(&rows);
         // Compare the verdict of every pair
         let verdicts: Vec<String> = all
             .iter()
-            .map(|p| format!("{}: {}", p.what, p.verdict()))
+            .map(|p| format!("{}, {}: {}", p.what, p.second, p.verdict()))
             .collect();
         assert_eq!(
             verdicts,
             [
-                "camera rays, packets: the BSP is ahead up to about 10 000 triangles (between 1 000 and 100 000), then \
-                 Embree",
-                "camera rays, packets against batches: Embree is ahead at every size",
-                "builds per second: no method is significantly ahead at any size",
-                "triangles per byte: no method is significantly ahead at any size",
+                "camera rays, packets against batches, native: the native tree is ahead up to about 10 000 triangles \
+                 (between 1 000 and 100 000), then Embree",
+                "camera rays, packets against batches, bsp: Embree is ahead at every size",
+                "builds per second, native: no method is significantly ahead at any size",
+                "builds per second, bsp: no method is significantly ahead at any size",
+                "triangles per byte, native: no method is significantly ahead at any size",
+                "triangles per byte, bsp: no method is significantly ahead at any size",
             ]
         );
         assert_eq!(all[0].ratios(), "x0.50 to x2.00");
-        assert_eq!(text(&rows).lines().count(), 5);
+        assert_eq!(text(&rows).lines().count(), 7);
         // Single measurements decide no order
         let once = rows.clone().map(|row| BenchRow {
             mrays_per_s_min: row.mrays_per_s,

@@ -207,8 +207,8 @@ fn sweep_measures_generated_meshes_and_reports_crossings() {
     let page = fs::read_to_string(&html).unwrap();
     assert!(page.contains("Speed over mesh size") && page.contains("Dashed:"));
     for words in [
-        "crossings of Embree and the BSP",
-        "camera rays, packets",
+        "crossings of Embree with the native tree and the BSP",
+        "camera rays, packets against batches      native",
         "builds per second",
         "triangles per byte",
     ] {

@@ -16,23 +16,28 @@ const KINDS: [RayKind; 4] = [
     RayKind::Reflection,
     RayKind::Random,
 ];
-const WAYS: [(Backend, Precision, Mode); 9] = [
+const WAYS: [(Backend, Precision, Mode); 11] = [
     (Backend::Embree, Precision::Watertight, Mode::Packet),
     (Backend::Embree, Precision::Watertight, Mode::Raw),
     (Backend::Embree, Precision::Watertight, Mode::Single),
     (Backend::Embree, Precision::Watertight, Mode::RawSingle),
     (Backend::Embree, Precision::Fast, Mode::Packet),
     (Backend::Embree, Precision::Robust, Mode::Packet),
+    (Backend::Native, Precision::Watertight, Mode::Single),
+    (Backend::Native, Precision::Watertight, Mode::Batch),
     (Backend::Bsp, Precision::Watertight, Mode::Packet),
     (Backend::Bsp, Precision::Watertight, Mode::Single),
     (Backend::Bsp, Precision::Watertight, Mode::Batch),
 ];
 
-/// Made up, but neither the same twice nor without order: slower over the size, Embree less so.
+/// Made up, but neither the same twice nor without order: slower over the size, Embree less so than the BSP.
 fn speed(size: u64, kind: usize, way: usize) -> f64 {
     let (backend, _, mode) = WAYS[way];
-    let fall = if backend == Backend::Bsp { -0.3 } else { -0.1 };
-    let first = if backend == Backend::Bsp { 90.0 } else { 30.0 };
+    let [first, fall] = match backend {
+        Backend::Bsp => [90.0, -0.3],
+        Backend::Native => [80.0, -0.1],
+        _ => [30.0, -0.1],
+    };
     let width = match mode {
         Mode::Single | Mode::RawSingle => 0.4,
         _ => 1.0 + 0.05 * way as f64,
@@ -185,10 +190,10 @@ fn page_draws_all_sizes_and_methods_and_lists_crossings() {
     let found = probed(browser, &page, &["--window-size=1200,900"]);
     // Speed by kind of ray, building, memory; then bars and threads of each size.
     assert_eq!(found["charts"], 4 + 2 + 2 * SIZES.len(), "{found}");
-    // Bare calls for single rays are in the bars alone. Four structures; two ways of four kinds on three numbers of
+    // Bare calls for single rays are in the bars alone. Five structures; two ways of four kinds on three numbers of
     // threads.
     let of_speed = (WAYS.len() - 1) * SIZES.len();
-    let mut points = [vec![of_speed; 4], vec![4 * SIZES.len(); 2]].concat();
+    let mut points = [vec![of_speed; 4], vec![5 * SIZES.len(); 2]].concat();
     points.extend([4 * WAYS.len(), 2 * 4 * 3].repeat(SIZES.len()));
     assert_eq!(found["points"], json!(points), "{found}");
     assert_eq!(found["rows"], json!(vec![4 * WAYS.len(); SIZES.len()]));
@@ -213,16 +218,20 @@ fn page_draws_all_sizes_and_methods_and_lists_crossings() {
         tips[0],
         "974 triangles\nembree watertight, packet, camera rays\n30.1 million rays per second (28.9 to 31.0)"
     );
-    // Three ways by three precisions, one of which is asked one by one; builds and memory.
+    // Two backends: batches at three precisions, single rays at one; builds and memory.
     let verdicts = strings(&found["verdicts"]);
-    assert_eq!(verdicts.len(), 4 * (3 + 3 + 1) + 3 + 3, "{verdicts:?}");
-    let first = verdicts[0];
-    // 30 · s^-0.1 and 90 · 1.3 · s^-0.3 of thousands: s = 3.9^5 = 902. At 999 602 the ranges overlap.
+    assert_eq!(verdicts.len(), 2 * (4 * (3 + 1) + 3 + 3), "{verdicts:?}");
+    let [of_native, of_bsp] = [verdicts[0], verdicts[1]];
     assert!(
-        first.contains(
-            "the BSP is ahead up to about 900 000 triangles (between 99 374 and 10 002 830), then Embree"
+        of_native.contains("the native tree is ahead at every size"),
+        "{of_native}"
+    );
+    // 30 · s^-0.1 and 90 · 1.5 · s^-0.3 of thousands: s = 4.5^5 = 1845. At 999 602 the BSP is ahead still.
+    assert!(
+        of_bsp.contains(
+            "the BSP is ahead up to about 1 800 000 triangles (between 999 602 and 10 002 830), then Embree"
         ),
-        "{first}"
+        "{of_bsp}"
     );
 }
 

@@ -190,11 +190,11 @@ fn page_draws_all_sizes_and_methods_and_lists_crossings() {
     let found = probed(browser, &page, &["--window-size=1200,900"]);
     // Speed by kind of ray, building, memory; then bars and threads of each size.
     assert_eq!(found["charts"], 4 + 2 + 2 * SIZES.len(), "{found}");
-    // Bare calls for single rays are in the bars alone. Five structures; two ways of four kinds on three numbers of
-    // threads.
+    // Bare calls for single rays are in the bars alone. Five structures; three ways of four kinds on three numbers
+    // of threads.
     let of_speed = (WAYS.len() - 1) * SIZES.len();
     let mut points = [vec![of_speed; 4], vec![5 * SIZES.len(); 2]].concat();
-    points.extend([4 * WAYS.len(), 2 * 4 * 3].repeat(SIZES.len()));
+    points.extend([4 * WAYS.len(), 3 * 4 * 3].repeat(SIZES.len()));
     assert_eq!(found["points"], json!(points), "{found}");
     assert_eq!(found["rows"], json!(vec![4 * WAYS.len(); SIZES.len()]));
     let labels = strings(&found["labels"]);
@@ -209,7 +209,7 @@ fn page_draws_all_sizes_and_methods_and_lists_crossings() {
     assert_eq!([&found["within"], &found["titles"]], [&json!(true); 2], "{found}");
     assert_eq!([&found["bad"], &found["quiet"]], [0; 2]);
     assert_eq!(found["overlaps"], json!([]));
-    // Bare calls, Embree and the BSP.
+    // Bare calls, Embree, and both backends of our own.
     assert_eq!(found["bars"], 3);
     // All series of the first chart but the one pointed at.
     assert_eq!(found["faded"], WAYS.len() - 2);

@@ -15,10 +15,10 @@ const THREADS: &str = "threads";
 /// Width and height of a line chart in pixels.
 const SIZE: [f64; 2] = [900.0, 360.0];
 
-/// Colours by tracing method: bare Embree calls, Embree and BSP.
+/// Colours by tracing method: bare Embree calls, Embree, the native tree and the BSP.
 const BARE: SeriesStyle = SeriesStyle::Number(2);
 const EMBREE: SeriesStyle = SeriesStyle::Number(0);
-const NATIVE: SeriesStyle = SeriesStyle::Number(2);
+const NATIVE: SeriesStyle = SeriesStyle::Number(1);
 const BSP: SeriesStyle = SeriesStyle::Number(3);
 
 fn look(row: &BenchRow) -> SeriesStyle {

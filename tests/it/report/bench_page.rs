@@ -210,7 +210,7 @@ fn page_draws_all_sizes_and_methods_and_lists_crossings() {
     assert_eq!([&found["bad"], &found["quiet"]], [0; 2]);
     assert_eq!(found["overlaps"], json!([]));
     // Bare calls, Embree, and both backends of our own.
-    assert_eq!(found["bars"], 3);
+    assert_eq!(found["bars"], 4);
     // All series of the first chart but the one pointed at.
     assert_eq!(found["faded"], WAYS.len() - 2);
     let tips = strings(&found["tips"]);
@@ -252,7 +252,7 @@ fn page_fits_narrow_windows_and_follows_the_color_scheme() {
         &["--window-size=400,800", "--blink-settings=preferredColorScheme=0"],
     );
     assert_ne!(narrow["ground"], dark["ground"]);
-    assert_eq!(dark["bars"], 3, "{dark}");
+    assert_eq!(dark["bars"], 4, "{dark}");
 }
 
 #[test]

@@ -44,23 +44,13 @@ impl<'s> TypedAccel<'s> {
         }
     }
 
-    /// Returns the structure with single-ray kernels; that of Embree is built again.
-    fn with_single_rays(
-        &self,
-        scene: &'s Scene,
-        options: &AccelOptions,
-    ) -> Result<TypedAccel<'s>, AccelError> {
+    /// Returns single-ray kernels over the same tree; `None` for Embree, whose structures hold one kind of kernel each.
+    fn single_rays(&self) -> Option<TypedAccel<'s>> {
         match self {
             #[cfg(feature = "embree")]
-            TypedAccel::Embree(_) => {
-                let options = AccelOptions {
-                    kernel: Kernel::Single,
-                    ..options.clone()
-                };
-                TypedAccel::new(scene, Backend::Embree, &options)
-            }
-            TypedAccel::Native(native) => Ok(TypedAccel::Native(native.with_kernel(Kernel::Single))),
-            TypedAccel::Bsp(bsp) => Ok(TypedAccel::Bsp(bsp.with_kernel(Kernel::Single))),
+            TypedAccel::Embree(_) => None,
+            TypedAccel::Native(native) => Some(TypedAccel::Native(native.with_kernel(Kernel::Single))),
+            TypedAccel::Bsp(bsp) => Some(TypedAccel::Bsp(bsp.with_kernel(Kernel::Single))),
         }
     }
 
@@ -98,9 +88,18 @@ impl<'s> Structure<'s> {
         })
     }
 
-    /// Builds the structure with single-ray kernels, too.
+    /// Adds single-ray kernels, over the same tree or over one of their own.
     fn with_single(self, scene: &'s Scene) -> Result<Structure<'s>, BenchError> {
-        let single = self.packet.with_single_rays(scene, &self.options)?;
+        let single = match self.packet.single_rays() {
+            Some(single) => single,
+            None => {
+                let options = AccelOptions {
+                    kernel: Kernel::Single,
+                    ..self.options.clone()
+                };
+                TypedAccel::new(scene, self.backend, &options)?
+            }
+        };
         Ok(Structure {
             single: Some(single),
             ..self

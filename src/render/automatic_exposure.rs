@@ -67,7 +67,11 @@ pub fn automatic_exposure(image: &LinearImage, alpha: Option<&[f32]>) -> f32 {
     let white = *levels.select_nth_unstable_by(index, f64::total_cmp).1;
     // Take the geometric mean, and the smaller of both gains
     let darkest = DARKEST * white;
-    let logarithms = |_, levels: &[f64]| levels.iter().map(|level| level.max(darkest).log2()).sum::<f64>();
+    let logarithms = |_, levels: &[f64]| -> f64 {
+        // One logarithm for four: their product is within the range of f64, as they are within that of f32
+        let product = |four: &[f64]| -> f64 { four.iter().map(|level| level.max(darkest)).product() };
+        levels.chunks(4).map(|four| product(four).log2()).sum()
+    };
     let sum: f64 = parallel::map_chunks(&levels, CHUNK, &logarithms)
         .into_iter()
         .sum();

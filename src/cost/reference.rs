@@ -43,7 +43,8 @@ pub(super) fn strictest_configuration(base: &Configuration, scene: &Scene, plan:
         settings: RenderSettings {
             pattern: Pattern::Sobol,
             adaptive: None,
-            depth: (3 * settings.depth).min(MAX_DEPTH / 2).max(settings.depth),
+            // Deep paths take time only where they keep their weight, which is where they matter.
+            depth: (12 * settings.depth).min(MAX_DEPTH / 2).max(settings.depth),
             weight_cutoff: (settings.weight_cutoff / 8.0).min(1.0 / 4096.0),
             wavelengths: settings.wavelengths.max(32),
             spawn: SpawnPolicy::Bounded,

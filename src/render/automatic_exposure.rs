@@ -68,7 +68,7 @@ pub fn automatic_exposure(image: &LinearImage, alpha: Option<&[f32]>) -> f32 {
     // Take the geometric mean, and the smaller of both gains
     let darkest = DARKEST * white;
     let logarithms = |_, levels: &[f64]| -> f64 {
-        // One logarithm for four: their product is within the range of f64, as they are within that of f32
+        // One logarithm for four, which lie between 2^-165 and 2^130: their product is a normal f64
         let product = |four: &[f64]| -> f64 { four.iter().map(|level| level.max(darkest)).product() };
         levels.chunks(4).map(|four| product(four).log2()).sum()
     };
@@ -100,6 +100,15 @@ mod tests {
         // The geometric mean of 0.09 and 0.36 is 0.18
         let two = [[0.09; 3], [0.36; 3]].repeat(50);
         assert_eq!(automatic_exposure(&image(two), None), 0.0);
+    }
+
+    #[test]
+    fn very_bright_and_very_dark_images_become_middle_grey() {
+        // Products of four, and one pixel more; a product of all would overflow. log2(0.18) = -2.4739
+        for (stops, expected) in [(90, -92.47), (-90, 87.53)] {
+            let pixels = vec![[2f32.powi(stops); 3]; 65];
+            assert_eq!(automatic_exposure(&image(pixels), None), expected);
+        }
     }
 
     #[test]

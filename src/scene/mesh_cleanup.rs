@@ -7,7 +7,7 @@
 
 use std::fmt;
 
-use glam::{DVec3, Vec3, Vec3A};
+use glam::{DVec3, Vec3};
 
 use crate::buffer::Buffer;
 use crate::mesh::Mesh;
@@ -123,8 +123,8 @@ pub(crate) fn clear_non_finite_positions(mesh: &mut Mesh) {
 }
 
 fn scan_chunk(positions: &[[f32; 3]], triangles: &[[u32; 3]], first: usize) -> Result<MeshScan, BadIndex> {
-    let mut low = Vec3A::INFINITY;
-    let mut high = Vec3A::NEG_INFINITY;
+    let mut low = Vec3::INFINITY;
+    let mut high = Vec3::NEG_INFINITY;
     let mut unusable = 0;
     for (i, &[a, b, c]) in triangles.iter().enumerate() {
         let (Some(&p0), Some(&p1), Some(&p2)) = (
@@ -140,11 +140,10 @@ fn scan_chunk(positions: &[[f32; 3]], triangles: &[[u32; 3]], first: usize) -> R
             });
         };
         // Grow the bounds by usable triangles only, as the corners of others may be NaN
-        if is_usable([p0, p1, p2].map(Vec3::from)) {
-            // Combine the corners first, so that triangles wait for each other by one step only
-            let [p0, p1, p2] = [p0, p1, p2].map(Vec3A::from);
-            low = low.min(p0.min(p1).min(p2));
-            high = high.max(p0.max(p1).max(p2));
+        let corners = [Vec3::from(p0), Vec3::from(p1), Vec3::from(p2)];
+        if is_usable(corners) {
+            low = low.min(corners[0]).min(corners[1]).min(corners[2]);
+            high = high.max(corners[0]).max(corners[1]).max(corners[2]);
         } else {
             unusable += 1;
         }

@@ -3,7 +3,7 @@
 use std::sync::Mutex;
 
 use crate::buffer::BufferMut;
-use crate::mesh::triangle::PACK;
+use crate::mesh::triangle::{PACK, TrianglePack};
 use crate::parallel;
 use glam::Vec3A;
 
@@ -163,26 +163,24 @@ fn fill(
     keys: &SortedKeys,
     positions: std::ops::Range<usize>,
 ) -> Box4 {
-    // Fetch all triangles, so that their loads do not wait for stores
+    // Clear the slots that stay unused
     let mut bounds = Box4::EMPTY;
-    let mut corners = [[Vec3A::NAN; 3]; PACK];
-    block.numbers = [NO_NUMBER; PACK];
-    for (lane, position) in positions.enumerate() {
-        let lane = lane % PACK;
-        let number = keys.number(position);
-        corners[lane] = triangles.corners(number);
-        block.numbers[lane] = number as u32;
-        for corner in corners[lane] {
-            bounds.add_point(corner);
-        }
+    if positions.len() < PACK {
+        block.triangles = TrianglePack::EMPTY;
+        block.numbers = [NO_NUMBER; PACK];
     }
-    // Store them transposed; unused slots are NaN
-    for (corner, rows) in block.triangles.corners.iter_mut().enumerate() {
-        for (axis, row) in rows.iter_mut().enumerate() {
-            for lane in 0..PACK {
-                row[lane] = corners[lane][corner][axis];
-            }
+    // Copy the vertices, transposed, and the numbers
+    for (lane, position) in positions.enumerate() {
+        let number = keys.number(position);
+        let corners: [Vec3A; 3] = triangles.corners(number);
+        for (rows, corner) in block.triangles.corners.iter_mut().zip(corners) {
+            bounds.add_point(corner);
+            let [x, y, z] = corner.to_array();
+            rows[0][lane] = x;
+            rows[1][lane] = y;
+            rows[2][lane] = z;
         }
+        block.numbers[lane] = number as u32;
     }
     bounds
 }

@@ -2,8 +2,9 @@
 
 use glam::Vec3;
 
-use super::packet::RayPacket;
+use super::packet::{LANES, RayPacket};
 use super::report::AccelReport;
+use crate::numeric::Ray;
 
 /// Nearest-hit and occlusion queries for a batch of 16-lane packets against one built scene.
 ///
@@ -48,6 +49,51 @@ pub enum RayEnd {
     /// Direction of all rays, not normalised, such as that to a directional light. Rays whose direction differs in any
     /// component are traced correctly, but slowly.
     Direction(Vec3),
+}
+
+impl RayEnd {
+    /// Returns the point at which all active rays end, up to the rounding of their directions, or the direction of all if
+    /// they have no end.
+    pub(crate) fn common(packets: &[RayPacket]) -> Option<RayEnd> {
+        // Twice the rounding of a direction, relative to the origin and the target
+        const TOLERANCE: f64 = 2.0 * f32::EPSILON as f64;
+        let rays = || active_rays(packets);
+        // Compare the directions of unbounded rays
+        let first = rays().next()?;
+        if first.t_far == f32::INFINITY {
+            let is_parallel = rays().all(|ray| ray.direction == first.direction);
+            return is_parallel.then_some(RayEnd::Direction(first.direction));
+        }
+        // Compare the ends of the others
+        let end = |ray: &Ray| ray.at(f64::from(ray.t_far));
+        let target = end(&first);
+        let ends_there = |ray: Ray| {
+            let size = ray.origin.as_dvec3().abs().max(target.abs()).max_element();
+            (end(&ray) - target).abs().max_element() <= TOLERANCE * size
+        };
+        (target.is_finite() && rays().all(ends_there)).then(|| RayEnd::Point(target.as_vec3()))
+    }
+
+    /// Returns the distance of the origin of `ray` from the common end of `packets`, or from the farthest of their origins if
+    /// they have a direction, in the maximum norm.
+    pub(crate) fn distance(&self, ray: &Ray, packets: &[RayPacket]) -> f64 {
+        let origin = ray.origin.as_dvec3();
+        let distance = |point: Vec3| (point.as_dvec3() - origin).abs().max_element();
+        match *self {
+            RayEnd::Point(target) => distance(target),
+            RayEnd::Direction(_) => {
+                active_rays(packets).fold(0.0, |farthest, ray| distance(ray.origin).max(farthest))
+            }
+        }
+    }
+}
+
+/// Returns the rays of all active lanes.
+fn active_rays(packets: &[RayPacket]) -> impl Iterator<Item = Ray> {
+    packets.iter().flat_map(|packet| {
+        let active = (0..LANES).filter(|&lane| packet.is_active(lane));
+        active.map(|lane| packet.ray(lane))
+    })
 }
 
 /// Coherence hint for the rays of a packet. It changes the speed, never the result.

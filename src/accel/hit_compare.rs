@@ -15,6 +15,9 @@
 //! error, which [`compare_with_instancing`] and [`compare_occlusion_with_instancing`] allow for by the bound of
 //! `TransformError`.
 //!
+//! Groups of shadow rays compute in a frame about their common end ([`RayArithmetic::Group`]), so their errors are
+//! relative to the distance from it: [`compare_occlusion_in_group`] allows for them.
+//!
 //! Analytic shapes are computed in f64 by one function, so a backend with a different result for one is wrong.
 //!
 //! Two results are *the same* if they name the same primitive, each with its parameter in bounds. They *tie* if both
@@ -64,13 +67,14 @@ pub fn compare_with_instancing(
     [a, b]: [Option<Hit>; 2],
     instancing: Instancing,
 ) -> HitComparison {
+    let arithmetic = RayArithmetic::Own(instancing);
     match (a, b) {
         (None, None) => HitComparison::Same,
-        (Some(hit), None) | (None, Some(hit)) => match Exact::of(scene, ray, &hit, instancing) {
+        (Some(hit), None) | (None, Some(hit)) => match Exact::of(scene, ray, &hit, arithmetic) {
             Some(exact) if exact.is_within_bound(&hit) && exact.is_ambiguous(ray) => HitComparison::Tie,
             _ => HitComparison::Wrong,
         },
-        (Some(a), Some(b)) => compare_hits(scene, ray, [&a, &b], instancing),
+        (Some(a), Some(b)) => compare_hits(scene, ray, [&a, &b], arithmetic),
     }
 }
 
@@ -85,9 +89,25 @@ pub fn compare_occlusion(scene: &Scene, ray: &Ray, a: bool, b: bool) -> HitCompa
 pub fn compare_occlusion_with_instancing(
     scene: &Scene,
     ray: &Ray,
-    [a, b]: [bool; 2],
+    blocked: [bool; 2],
     instancing: Instancing,
 ) -> HitComparison {
+    compare_blocked(scene, ray, blocked, RayArithmetic::Own(instancing))
+}
+
+/// Compares a result of [`super::Accel::occluded_towards`] for `ray` with that of another backend. `distance` is that of
+/// the ray's origin from the common end, or for a common direction from the farthest origin of the query's rays, in the
+/// maximum norm.
+pub fn compare_occlusion_in_group(
+    scene: &Scene,
+    ray: &Ray,
+    blocked: [bool; 2],
+    distance: f64,
+) -> HitComparison {
+    compare_blocked(scene, ray, blocked, RayArithmetic::Group { distance })
+}
+
+fn compare_blocked(scene: &Scene, ray: &Ray, [a, b]: [bool; 2], arithmetic: RayArithmetic) -> HitComparison {
     if a == b {
         return HitComparison::Same;
     }
@@ -96,7 +116,7 @@ pub fn compare_occlusion_with_instancing(
     for (index, instance) in scene.instances.iter().enumerate() {
         let count = scene.geometries[instance.geometry as usize].primitive_count();
         for primitive in 0..count as u32 {
-            let exact = Exact::of_primitive(scene, ray, [index as u32, primitive], instancing);
+            let exact = Exact::of_primitive(scene, ray, [index as u32, primitive], arithmetic);
             match exact.map(|exact| exact.classify(ray)) {
                 Some(Classification::Hit) => return HitComparison::Wrong,
                 Some(Classification::Ambiguous) => any_ambiguous = true,
@@ -111,8 +131,8 @@ pub fn compare_occlusion_with_instancing(
     }
 }
 
-fn compare_hits(scene: &Scene, ray: &Ray, [a, b]: [&Hit; 2], instancing: Instancing) -> HitComparison {
-    let exact = |hit| Exact::of(scene, ray, hit, instancing);
+fn compare_hits(scene: &Scene, ray: &Ray, [a, b]: [&Hit; 2], arithmetic: RayArithmetic) -> HitComparison {
+    let exact = |hit| Exact::of(scene, ray, hit, arithmetic);
     let (Some(exact_a), Some(exact_b)) = (exact(a), exact(b)) else {
         return HitComparison::Wrong;
     };
@@ -132,7 +152,21 @@ fn compare_hits(scene: &Scene, ray: &Ray, [a, b]: [&Hit; 2], instancing: Instanc
     }
 }
 
+/// Arithmetic of a backend, on which its errors depend.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum RayArithmetic {
+    /// Coordinates relative to the ray's own origin, in object space.
+    Own(Instancing),
+    /// Coordinates relative to the common end of a group's rays, or to a point amid their origins, which is at most this far
+    /// from the ray's origin.
+    Group { distance: f64 },
+}
+
 /// Bound on the deviation of a ray from the exact one in object space, as a length there, in the maximum norm.
+///
+/// A group's frame is reached by differences. With z the depth, u = 2^-24 and slopes up to 2, a vertex there has an error
+/// of u · 2 z of its difference, and of u · 2 z, u · 2 z and u · 4 z of the shear; the ray's x / z has three roundings
+/// and one of the centre's, u · 8 z at depth z. Both act as a shift of the vertex relative to the ray.
 ///
 /// A ray transformed in f64 and rounded is exact by definition. Embree's own instances round the matrix M to f32,
 /// invert it there by cofactors over the determinant, and apply the inverse, all in f32. With κ = ‖M‖ ‖M⁻¹‖ by largest
@@ -147,7 +181,12 @@ struct TransformError {
     direction: f64,
     /// Deviation relative to the coordinates of the hit primitive.
     scale: f64,
+    /// Deviation relative to the distance of the hit primitive's farthest vertex from the ray's origin.
+    reach: f64,
 }
+
+/// Error of a vertex relative to a ray in a group's frame, relative to the depth: see [`TransformError`].
+const GROUP_FRAME: f64 = 18.0 * UNIT;
 
 /// Roundings of a coefficient of M⁻¹, of its determinant's reciprocal and of the transform, each in u: see
 /// [`TransformError`].
@@ -155,9 +194,18 @@ const INVERSE: f64 = 12.0;
 const DETERMINANT: f64 = 10.0;
 
 impl TransformError {
-    fn new(instance: &Instance, ray: &Ray, instancing: Instancing) -> TransformError {
-        if instancing != Instancing::Native || instance.is_identity() {
-            return TransformError::default();
+    fn new(instance: &Instance, ray: &Ray, arithmetic: RayArithmetic) -> TransformError {
+        // Groups hold baked meshes only, and only Embree's own instances are transformed in f32
+        match arithmetic {
+            RayArithmetic::Group { distance } if instance.is_identity() => {
+                return TransformError {
+                    origin: GROUP_FRAME * distance,
+                    reach: GROUP_FRAME,
+                    ..TransformError::default()
+                };
+            }
+            RayArithmetic::Own(Instancing::Native) if !instance.is_identity() => {}
+            _ => return TransformError::default(),
         }
         if instance.is_moving() {
             // Embree's own instances never move, so these are transformed in f64.
@@ -173,12 +221,14 @@ impl TransformError {
             origin: inverse_error * (size(ray.origin.as_dvec3()) + size(map.translation)),
             direction: inverse_error * size(ray.direction.as_dvec3()),
             scale: DETERMINANT * UNIT * lengths / m.determinant().abs(),
+            reach: 0.0,
         }
     }
 
-    /// Returns the bound on the deviation at parameter `t`, for a primitive with this largest coordinate.
-    fn at(&self, t: f64, coordinate: f64) -> f64 {
-        self.origin + self.direction * t.abs() + self.scale * coordinate
+    /// Returns the bound on the deviation at parameter `t`, for a primitive with this largest coordinate, in the world and
+    /// relative to the ray's origin.
+    fn at(&self, t: f64, coordinate: f64, reach: f64) -> f64 {
+        self.origin + self.direction * t.abs() + self.scale * coordinate + self.reach * reach
     }
 }
 
@@ -204,13 +254,13 @@ enum Classification {
 
 impl Exact {
     /// Evaluates the primitive of `hit`; `None` if it does not exist or is not the nearest part of its shape.
-    fn of(scene: &Scene, ray: &Ray, hit: &Hit, instancing: Instancing) -> Option<Exact> {
+    fn of(scene: &Scene, ray: &Ray, hit: &Hit, arithmetic: RayArithmetic) -> Option<Exact> {
         let instance = scene.instances.get(hit.instance as usize)?;
         if let Geometry::Shape(shape) = scene.geometries.get(instance.geometry as usize)? {
             let expected = shape_hit(hit.instance, instance, shape, ray)?;
             (expected.primitive == hit.primitive).then_some(())?;
         }
-        Exact::of_primitive(scene, ray, [hit.instance, hit.primitive], instancing)
+        Exact::of_primitive(scene, ray, [hit.instance, hit.primitive], arithmetic)
     }
 
     /// Evaluates one primitive; `None` if it does not exist. A shape is one primitive, regardless of its part.
@@ -218,7 +268,7 @@ impl Exact {
         scene: &Scene,
         ray: &Ray,
         [instance, primitive]: [u32; 2],
-        instancing: Instancing,
+        arithmetic: RayArithmetic,
     ) -> Option<Exact> {
         let instance = scene.instances.get(instance as usize)?;
         match scene.geometries.get(instance.geometry as usize)? {
@@ -227,7 +277,7 @@ impl Exact {
                 Some(Exact::of_triangle(
                     mesh.corners_f64(primitive),
                     &ray_in(instance, ray),
-                    &TransformError::new(instance, ray, instancing),
+                    &TransformError::new(instance, ray, arithmetic),
                 ))
             }
             Geometry::Shape(shape) => Some(Exact::of_shape(shape_hit(0, instance, shape, ray))),
@@ -299,7 +349,7 @@ impl Exact {
         // Add the error of the ray transform, which acts as a shift of all vertices: along the ray by the part across
         // the plane, and each edge function by twice the shift in the sheared frame times the edge's two sheared
         // extents
-        let shift = transform_error.at(t, largest_corner);
+        let shift = transform_error.at(t, largest_corner, reach);
         let transform_t = 3f64.sqrt() * shift * n.length() / n.dot(direction).abs();
         let t_error = watertight_t + normal_form_t + transform_t + gamma(2.0) * t.abs();
         Exact {
@@ -339,5 +389,36 @@ impl Exact {
     /// Returns whether both hit and miss are within the error bounds.
     fn is_ambiguous(&self, ray: &Ray) -> bool {
         self.classify(ray) == Classification::Ambiguous
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::*;
+    use crate::accel::native::testing::baked;
+    use crate::mesh::Mesh;
+
+    #[test]
+    fn group_ties_where_a_ray_passes_an_outline_by_its_error_relative_to_the_light() {
+        let mesh = Mesh {
+            positions: vec![[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]].into(),
+            triangles: vec![[0, 1, 2]].into(),
+            ..Mesh::default()
+        };
+        let scene = baked(mesh);
+        // Aim at a light above, from a millimetre below the triangle and some way inside an edge
+        let compare = |inside: f32, distance| {
+            let origin = Vec3::new(1.0, inside, -0.001);
+            let ray = Ray::new(origin, Vec3::Z);
+            compare_occlusion_in_group(&scene, &ray, [true, false], distance)
+        };
+        // The error is 18 u, 1.1e-6 of the distance from the light
+        assert_eq!(compare(1e-4, 0.001), HitComparison::Wrong);
+        assert_eq!(compare(1e-4, 100.0), HitComparison::Tie);
+        assert_eq!(compare(0.01, 100.0), HitComparison::Wrong);
+        let ray = Ray::new(Vec3::new(1.0, 1e-4, -0.001), Vec3::Z);
+        assert_eq!(compare_occlusion(&scene, &ray, true, false), HitComparison::Wrong);
     }
 }

@@ -47,7 +47,7 @@ pub(super) struct RayWorkload {
     /// Number of active lanes of all packets.
     pub(super) ray_count: u64,
     /// End of all shadow rays, if they have one light that is a point or a direction.
-    end: Option<RayEnd>,
+    pub(super) end: Option<RayEnd>,
 }
 
 impl RayWorkload {
@@ -84,7 +84,7 @@ impl RayWorkload {
         RayWorkload {
             kind,
             ray_count: packets.iter().map(active).sum(),
-            end: common_end(&packets).filter(|_| kind == RayKind::Shadow),
+            end: RayEnd::common(&packets).filter(|_| kind == RayKind::Shadow),
             packets,
         }
     }
@@ -143,34 +143,6 @@ impl RayWorkload {
             RayKind::Reflection | RayKind::Random => Coherence::Incoherent,
         }
     }
-}
-
-/// Returns the point at which all rays end, up to the rounding of their directions, or the direction of all, if they have
-/// no end.
-fn common_end(packets: &[RayPacket]) -> Option<RayEnd> {
-    // Twice the rounding of a direction, relative to the origin and the target
-    const TOLERANCE: f64 = 2.0 * f32::EPSILON as f64;
-    let rays = || {
-        let of_packet = |packet: &RayPacket| {
-            let active = (0..LANES).filter(|&lane| packet.is_active(lane));
-            active.map(|lane| packet.ray(lane)).collect::<Vec<Ray>>()
-        };
-        packets.iter().flat_map(of_packet)
-    };
-    // Compare the directions of unbounded rays
-    let first = rays().next()?;
-    if first.t_far == f32::INFINITY {
-        let is_parallel = rays().all(|ray| ray.direction == first.direction);
-        return is_parallel.then_some(RayEnd::Direction(first.direction));
-    }
-    // Compare the ends of the others
-    let end = |ray: &Ray| ray.at(f64::from(ray.t_far));
-    let target = end(&first);
-    let ends_there = |ray: Ray| {
-        let size = ray.origin.as_dvec3().abs().max(target.abs()).max_element();
-        (end(&ray) - target).abs().max_element() <= TOLERANCE * size
-    };
-    (target.is_finite() && rays().all(ends_there)).then(|| RayEnd::Point(target.as_vec3()))
 }
 
 /// Gives inactive lanes an empty interval: on a processor with packets of at most eight lanes, Embree decides by the

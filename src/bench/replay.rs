@@ -188,26 +188,30 @@ pub(super) struct Differences {
 /// Compares the results of two engines for all rays of `set`.
 pub(super) fn differences(scene: &Scene, set: &RayWorkload, reference: Engine, other: Engine) -> Differences {
     let mut differences = Differences::default();
-    for original in &set.packets {
-        // Trace copies of the packet with both engines
-        let [mut a, mut b] = [original.clone(), original.clone()];
-        reference.trace(std::slice::from_mut(&mut a), set);
-        other.trace(std::slice::from_mut(&mut b), set);
+    for batch in set.packets.chunks(BATCH_PACKETS) {
+        // Trace copies of the packets with both engines
+        let [mut results, mut other_results] = [batch.to_vec(), batch.to_vec()];
+        reference.trace(&mut results, set);
+        other.trace(&mut other_results, set);
         // Classify the difference in each active lane
-        for lane in (0..LANES).filter(|&lane| original.is_active(lane)) {
-            let agreement = match (set.kind, reference, other) {
-                #[cfg(feature = "embree")]
-                (_, _, Engine::Raw(_) | Engine::RawSingle(_)) => same_distance(&a, &b, lane),
-                (RayKind::Shadow, Engine::Accel(first), Engine::Accel(second)) => {
-                    let blocked = [a.is_blocked(lane), b.is_blocked(lane)];
-                    compare_shadow(scene, &original.ray(lane), [first, second], blocked).0
+        for ((original, a), b) in batch.iter().zip(&results).zip(&other_results) {
+            for lane in (0..LANES).filter(|&lane| original.is_active(lane)) {
+                let ray = original.ray(lane);
+                let agreement = match (set.kind, reference, other) {
+                    #[cfg(feature = "embree")]
+                    (_, _, Engine::Raw(_) | Engine::RawSingle(_)) => same_distance(a, b, lane),
+                    (RayKind::Shadow, Engine::Accel(first), Engine::Accel(second)) => {
+                        let distance = set.end.map(|end| end.distance(&ray, batch));
+                        let blocked = [a.is_blocked(lane), b.is_blocked(lane)];
+                        compare_shadow(scene, &ray, distance, [first, second], blocked).0
+                    }
+                    _ => hit_compare::compare(scene, &ray, a.hit(lane), b.hit(lane)),
+                };
+                match agreement {
+                    HitComparison::Same => {}
+                    HitComparison::Tie => differences.ties += 1,
+                    HitComparison::Wrong => differences.wrong += 1,
                 }
-                _ => hit_compare::compare(scene, &original.ray(lane), a.hit(lane), b.hit(lane)),
-            };
-            match agreement {
-                HitComparison::Same => {}
-                HitComparison::Tie => differences.ties += 1,
-                HitComparison::Wrong => differences.wrong += 1,
             }
         }
     }

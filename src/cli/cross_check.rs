@@ -1,4 +1,4 @@
-//! Command `whit verify SCENE`: cross-checks the scene's own rays on two backends, and reports defects of its meshes.
+//! Command `whit verify SCENE`: cross-checks the scene's own rays on all backends, and reports defects of its meshes.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -9,7 +9,7 @@ use whit::gltf::LoadOptions;
 use whit::image::{self, ImageFormat, LinearImage, ToneMap, check_writable};
 use whit::parallel;
 use whit::render::{self, Monitor, RenderSettings};
-use whit::report::cross_check::CrossCheckReport;
+use whit::report::cross_check::{CrossCheckReport, PairReport};
 use whit::report::{cross_check_page, overlay};
 use whit::scene::{Camera, Geometry, Scene, ValidScene};
 use whit::scene_file::{Output, SceneFile};
@@ -125,38 +125,41 @@ fn check(
     };
     let scene = scene.validate()?;
     let camera = choose_camera(scene.get(), path, None)?;
-    // Build two backends: Embree and BSP, or without Embree brute force and BSP
-    let backends = [Backend::default(), Backend::Bsp];
+    // Record the rays of the frame on Embree, or without Embree on brute force
+    let first = match Backend::default() {
+        Backend::Embree => accel::build(scene, Backend::Embree, options)?,
+        _ => accel::build(scene, Backend::Brute, options)?,
+    };
+    let recorded = render::record(scene, camera, &*first, &settings);
+    let packets = [recorded.camera, recorded.shadow, recorded.reflection];
+    // Trace them with each other backend; only two structures are in memory at a time
     let exact = AccelOptions {
         precision: Precision::Watertight,
         ..options.clone()
     };
-    let second = accel::build(scene, backends[1], &exact)?;
-    let first = match backends[0] {
-        Backend::Bsp => accel::build(scene, Backend::Brute, options)?,
-        backend => accel::build(scene, backend, options)?,
-    };
-    let accels: [&dyn Accel; 2] = [&*first, &*second];
-    // Record the rays of the frame, and trace them with both
-    let recorded = render::record(scene, camera, accels[0], &settings);
-    interrupt::check()?;
-    let packets = [recorded.camera, recorded.shadow, recorded.reflection];
-    let mut rays = BTreeMap::new();
-    for (kind, packets) in RayKind::ALL.into_iter().zip(packets) {
+    let mut pairs = Vec::new();
+    for backend in [Backend::Bsp, Backend::Native] {
         interrupt::check()?;
-        rays.insert(kind.word(), cross_check(&scene, accels, &packets, kind));
+        let second = accel::build(scene, backend, &exact)?;
+        let accels: [&dyn Accel; 2] = [&*first, &*second];
+        let mut rays = BTreeMap::new();
+        for (kind, packets) in RayKind::ALL.into_iter().zip(&packets) {
+            interrupt::check()?;
+            rays.insert(kind.word(), cross_check(&scene, accels, packets, kind));
+        }
+        let backends = accels.map(|accel| accel.report().summary);
+        pairs.push(PairReport { backends, rays });
     }
     let report = CrossCheckReport {
         scene: path.to_owned(),
-        backends: accels.map(|accel| accel.report().summary),
+        pairs,
         embree: first.report().embree,
-        rays,
         meshes: mesh_diagnostics(&scene),
         warnings: scene.warnings.clone(),
     };
     // Draw the differences over the image
     let overlay = if args.overlay.is_some() || args.html.is_some() {
-        Some(draw(&report, (scene, camera), accels[0], settings)?)
+        Some(draw(&report, (scene, camera), &*first, settings)?)
     } else {
         None
     };
@@ -233,8 +236,7 @@ fn write(args: &VerifyArgs, checked: &[Checked]) -> Result<(), Failure> {
             let file = RaysFile {
                 scene: done.report.scene.display().to_string(),
                 holds: done.holds,
-                backends: done.report.backends.clone(),
-                rays: done.report.differences().copied().collect(),
+                pairs: done.report.pairs.iter().map(PairReport::rays_file_part).collect(),
             };
             interrupt::without_interruption(|| output::write_text(path, &file.text()))?;
         }

@@ -10,7 +10,7 @@ use whit::batch::request::{TracingOptions, load_scene};
 use whit::gltf::LoadOptions;
 use whit::parallel;
 use whit::scene::ValidScene;
-use whit::verify::{self, Difference, QueryResult, RaysFile, VARIANTS, describe_ray, retrace};
+use whit::verify::{self, Difference, QueryResult, RaysFile, RaysOfPair, VARIANTS, describe_ray, retrace};
 
 use super::args::VerifyArgs;
 use super::cross_check::holds;
@@ -40,8 +40,9 @@ pub(super) fn run(args: &VerifyArgs, file: &Path) -> Result<(), Failure> {
             found[1]
         )));
     }
+    let all: Vec<Difference> = rays.pairs.iter().flat_map(|pair| &pair.rays).copied().collect();
     let results = parallel::install(&pool, || {
-        retrace_all(loaded.scene.validate()?, &rays.rays, args.isa.as_deref())
+        retrace_all(loaded.scene.validate()?, &all, args.isa.as_deref())
     })?;
     output::print(&format_results(&rays, &results))
 }
@@ -93,37 +94,48 @@ fn retrace_all(
 
 /// Returns a text with each ray, its recorded results, and the result of each variant now.
 fn format_results(file: &RaysFile, results: &[VariantResults]) -> String {
-    let [first, second] = &file.backends;
-    let mut text = format!(
-        "{} rays of {} with different results from\n    {first}\n    {second}\n",
-        file.rays.len(),
-        file.scene
-    );
-    for (number, ray) in file.rays.iter().enumerate() {
-        let verdict = if ray.is_wrong { "wrong" } else { "tie" };
-        // Writing to a string cannot fail.
+    let mut text = String::new();
+    let mut number = 0;
+    for RaysOfPair { backends, rays } in &file.pairs {
+        // Name the two backends; writing to a string cannot fail
+        let [first, second] = backends;
         let _ = writeln!(
             text,
-            "\n{} {} ray, {verdict}, {}: {}",
-            number + 1,
-            ray.kind.word(),
-            ray.feature.name(),
-            describe_ray(&ray.ray)
+            "{} rays of {} with different results from\n    {first}\n    {second}",
+            rays.len(),
+            file.scene
         );
-        // Print the recorded results
-        for (name, reply) in ["first, then", "second, then"].into_iter().zip(ray.query_results) {
-            let _ = writeln!(text, "    {name:17} {reply}");
-        }
-        // Print the new results, compared with brute force
-        for VariantResults { name, query_results } in results {
-            let (reply, agreement) = query_results[number];
-            let judged = match agreement {
-                HitComparison::Same => "",
-                HitComparison::Tie => "  ties with brute force",
-                HitComparison::Wrong => "  differs from brute force by more than rounding",
-            };
-            let _ = writeln!(text, "    {name:17} {reply}{judged}");
+        for ray in rays {
+            format_ray(&mut text, ray, number, results);
+            number += 1;
         }
     }
     text
+}
+
+/// Appends the text of the ray `number`.
+fn format_ray(text: &mut String, ray: &Difference, number: usize, results: &[VariantResults]) {
+    let verdict = if ray.is_wrong { "wrong" } else { "tie" };
+    let _ = writeln!(
+        text,
+        "\n{} {} ray, {verdict}, {}: {}",
+        number + 1,
+        ray.kind.word(),
+        ray.feature.name(),
+        describe_ray(&ray.ray)
+    );
+    // Print the recorded results
+    for (name, reply) in ["first, then", "second, then"].into_iter().zip(ray.query_results) {
+        let _ = writeln!(text, "    {name:17} {reply}");
+    }
+    // Print the new results, compared with brute force
+    for VariantResults { name, query_results } in results {
+        let (reply, agreement) = query_results[number];
+        let judged = match agreement {
+            HitComparison::Same => "",
+            HitComparison::Tie => "  ties with brute force",
+            HitComparison::Wrong => "  differs from brute force by more than rounding",
+        };
+        let _ = writeln!(text, "    {name:17} {reply}{judged}");
+    }
 }

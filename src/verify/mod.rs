@@ -27,5 +27,5 @@ pub use harness::{
 pub(crate) use scene_check::compare_shadow;
 pub use scene_check::{
     BackendComparison, Difference, MAX_DIFFERENCES, MeshDiagnostics, MeshFeature, RayKind, RaysError,
-    RaysFile, bits, cross_check, retrace,
+    RaysFile, RaysOfPair, bits, cross_check, retrace,
 };

@@ -28,8 +28,9 @@ Examples:
   whit verify scene.glb --overlay differences.png --rays-out differences.rays --html scene.html
   whit verify scene.glb --replay differences.rays
 
-With scenes, traces the rays of their own images through Embree and the BSP (without Embree: through the BSP and brute
-force). Prints the differences by the kind of place, and the defects of the meshes with their remedies.";
+With scenes, traces the rays of their own images through Embree (without it: by brute force), and compares the results
+of the BSP and of the native tree with them. Prints the differences by the kind of place, and the defects of the meshes
+with their remedies.";
 
 /// Flags of `whit verify`.
 #[derive(Debug, ArgGroup)]

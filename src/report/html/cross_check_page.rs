@@ -1,11 +1,11 @@
-//! HTML page of the cross-check of scenes' own rays by two backends: `whit verify SCENE --html`.
+//! HTML page of the cross-check of scenes' own rays by pairs of backends: `whit verify SCENE --html`.
 
 use super::page::{self, Cell, Column, PageElement, Table, View};
 use crate::image::{LinearImage, ToneMap};
 use crate::report::cpu;
-use crate::report::text::cross_check::{CrossCheckReport, format_counts};
+use crate::report::text::cross_check::{CrossCheckReport, PairReport, format_counts};
 use crate::report::text::table::group_thousands;
-use crate::verify::{Difference, bits};
+use crate::verify::{BackendComparison, Difference, bits};
 
 /// Largest number of differences whose bits are listed, wrong ones first.
 const MAX_SHOWN: usize = 24;
@@ -22,13 +22,19 @@ pub struct Part<'a> {
 /// Returns the page of all scenes; `date` is shown as the user gave it.
 pub fn page(scenes: &[Part], date: Option<&str>) -> String {
     // Sum the counts over all scenes
-    let sum = |of: fn(&CrossCheckReport) -> u64| scenes.iter().map(|part| of(part.report)).sum::<u64>();
-    let wrong = sum(|report| report.rays.values().map(|rays| rays.wrong_count()).sum());
-    let ties = sum(|report| report.rays.values().map(|rays| rays.tie_count()).sum());
-    let rays = sum(|report| report.rays.values().map(|rays| rays.rays).sum());
+    let sum = |of: fn(&BackendComparison) -> u64| -> u64 {
+        scenes
+            .iter()
+            .flat_map(|part| part.report.all_rays())
+            .map(of)
+            .sum()
+    };
+    let wrong = sum(BackendComparison::wrong_count);
+    let ties = sum(BackendComparison::tie_count);
+    let rays = sum(|rays| rays.rays);
     let tiles = page::numbers(&[
         (scenes.len().to_string(), "scenes", ""),
-        (group_thousands(rays), "rays", ""),
+        (group_thousands(rays), "comparisons", ""),
         (
             wrong.to_string(),
             "wrong",
@@ -47,8 +53,8 @@ pub fn page(scenes: &[Part], date: Option<&str>) -> String {
     // Append a section for each scene
     let mut elements = vec![
         PageElement::text(
-            "The rays of each scene’s image were traced through two structures. Where the results differ, the bounds \
-             on rounding separate ties from wrong results.",
+            "The rays of each scene’s image were traced through pairs of structures. Where the results differ, the \
+             bounds on rounding separate ties from wrong results.",
         ),
         tiles,
         page::facts(&facts),
@@ -64,14 +70,17 @@ pub fn page(scenes: &[Part], date: Option<&str>) -> String {
 
 fn section(part: &Part, number: usize) -> PageElement {
     let report = part.report;
-    let [first, second] = &report.backends;
-    let mut elements = vec![
-        PageElement::heading(&report.scene.display().to_string()),
-        page::facts(&[("first", first.clone()), ("second", second.clone())]),
-    ];
+    let mut elements = vec![PageElement::heading(&report.scene.display().to_string())];
     elements.extend(part.overlay.and_then(|overlay| overlay_figure(report, overlay)));
-    elements.extend([PageElement::subheading("Rays"), rays(report)]);
-    elements.extend(differences(report));
+    for pair in &report.pairs {
+        let [first, second] = &pair.backends;
+        elements.extend([
+            PageElement::subheading("Rays"),
+            page::facts(&[("first", first.clone()), ("second", second.clone())]),
+            rays(pair),
+        ]);
+        elements.extend(differences(pair));
+    }
     elements.push(PageElement::subheading("Meshes"));
     elements.extend(meshes(report));
     let warnings = report.warnings.iter();
@@ -98,7 +107,7 @@ fn overlay_figure(report: &CrossCheckReport, overlay: &LinearImage) -> Option<Pa
     })
 }
 
-fn rays(report: &CrossCheckReport) -> PageElement {
+fn rays(pair: &PairReport) -> PageElement {
     let mut table = Table::new(
         "",
         &[
@@ -110,7 +119,7 @@ fn rays(report: &CrossCheckReport) -> PageElement {
             Column::Words("at"),
         ],
     );
-    for (kind, rays) in report.comparisons() {
+    for (kind, rays) in pair.comparisons() {
         let verdict = if rays.wrong_count() > 0 { "fails" } else { "holds" };
         let places = |counts| format_counts(counts).trim_matches([' ', '(', ')']).to_owned();
         let cells = [
@@ -127,8 +136,8 @@ fn rays(report: &CrossCheckReport) -> PageElement {
 }
 
 /// Returns the first differing rays with their bits, so that they can be traced again.
-fn differences(report: &CrossCheckReport) -> Vec<PageElement> {
-    let mut all: Vec<&Difference> = report.differences().collect();
+fn differences(pair: &PairReport) -> Vec<PageElement> {
+    let mut all: Vec<&Difference> = pair.differences().collect();
     if all.is_empty() {
         return Vec::new();
     }

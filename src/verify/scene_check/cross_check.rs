@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::feature::{MeshFeature, feature};
 use crate::accel::hit_compare::{self, HitComparison};
-use crate::accel::{Accel, Coherence, Hit, Instancing, LANES, RayPacket};
+use crate::accel::{Accel, Coherence, Hit, Instancing, LANES, MAX_BATCH, RayEnd, RayPacket};
 use crate::numeric::Ray;
 use crate::parallel;
 use crate::scene::Scene;
@@ -40,11 +40,21 @@ impl RayKind {
         }
     }
 
+    /// Traces packets as the renderer does: camera rays, and shadow rays to one light, as coherent ones.
     fn trace_all(self, accel: &dyn Accel, packets: &mut [RayPacket]) {
         match self {
-            RayKind::Camera | RayKind::Reflection => accel.intersect(packets, Coherence::Incoherent),
-            RayKind::Shadow => accel.occluded(packets, Coherence::Incoherent),
+            RayKind::Camera => accel.intersect(packets, Coherence::Coherent),
+            RayKind::Reflection => accel.intersect(packets, Coherence::Incoherent),
+            RayKind::Shadow => match self.common_end(packets) {
+                Some(end) => accel.occluded_towards(packets, end),
+                None => accel.occluded(packets, Coherence::Incoherent),
+            },
         }
+    }
+
+    /// Returns the common end of the rays, for which shadow rays are traced in groups.
+    fn common_end(self, packets: &[RayPacket]) -> Option<RayEnd> {
+        RayEnd::common(packets).filter(|_| self == RayKind::Shadow)
     }
 
     /// Returns the result that a traced packet holds for a lane.
@@ -149,8 +159,8 @@ impl BackendComparison {
     }
 }
 
-/// Packets that one thread traces at a time.
-const CHUNK: usize = 256;
+/// Packets that one thread traces at a time: as many as the renderer does at most.
+const CHUNK: usize = MAX_BATCH;
 
 /// Traces all packets, which are rays of kind `kind`, through two structures over `scene` and compares the results.
 pub fn cross_check(
@@ -179,6 +189,7 @@ fn cross_check_chunk(
         kind.trace_all(accel, &mut packets);
         packets
     });
+    let end = kind.common_end(recorded);
     let mut comparison = BackendComparison::default();
     // Compare the results of each active lane
     for (number, packet) in recorded.iter().enumerate() {
@@ -187,7 +198,9 @@ fn cross_check_chunk(
             let ray = packet.ray(lane);
             let [a, b] = [0, 1].map(|i: usize| &results[i][number]);
             let (agreement, hits) = if kind == RayKind::Shadow {
-                compare_shadow(scene, &ray, accels, [a.is_blocked(lane), b.is_blocked(lane)])
+                let distance = end.map(|end| end.distance(&ray, recorded));
+                let blocked = [a.is_blocked(lane), b.is_blocked(lane)];
+                compare_shadow(scene, &ray, distance, accels, blocked)
             } else {
                 let hits = [a.hit(lane), b.hit(lane)];
                 (hit_compare::compare(scene, &ray, hits[0], hits[1]), hits)
@@ -234,11 +247,13 @@ pub fn retrace(
     (recorded.kind.query_result(&packets[1], 0), agreement)
 }
 
-/// Compares two any-hit results for a shadow ray, and returns the nearest hits of both structures. The nearest hits
-/// mostly decide whether a difference is a tie; otherwise all primitives of the scene are tested, which is slow.
+/// Compares two any-hit results for a shadow ray, and returns the nearest hits of both structures. `distance` is that of
+/// the ray from the common end of its query ([`RayEnd::distance`]), if it has one. The nearest hits mostly decide whether a
+/// difference is a tie; otherwise all primitives of the scene are tested, which is slow.
 pub(crate) fn compare_shadow(
     scene: &Scene,
     ray: &Ray,
+    distance: Option<f64>,
     accels: [&dyn Accel; 2],
     blocked: [bool; 2],
 ) -> (HitComparison, [Option<Hit>; 2]) {
@@ -255,7 +270,10 @@ pub(crate) fn compare_shadow(
     // Test the whole scene only if they are not a tie
     let agreement = match hit_compare::compare(scene, ray, hits[0], hits[1]) {
         HitComparison::Tie => HitComparison::Tie,
-        _ => hit_compare::compare_occlusion(scene, ray, blocked[0], blocked[1]),
+        _ => match distance {
+            Some(distance) => hit_compare::compare_occlusion_in_group(scene, ray, blocked, distance),
+            None => hit_compare::compare_occlusion(scene, ray, blocked[0], blocked[1]),
+        },
     };
     (agreement, hits)
 }

@@ -9,4 +9,4 @@ pub(crate) use cross_check::compare_shadow;
 pub use cross_check::{BackendComparison, Difference, MAX_DIFFERENCES, RayKind, cross_check, retrace};
 pub use feature::MeshFeature;
 pub use mesh_diagnostics::MeshDiagnostics;
-pub use rays_file::{RaysError, RaysFile, bits};
+pub use rays_file::{RaysError, RaysFile, RaysOfPair, bits};

@@ -1,9 +1,9 @@
 //! Files of recorded rays (`.rays`), bit-exact, to be traced again.
 //!
 //! The format is lines of text. The first is `whit rays 1`. Lines that are empty or begin with `#` are ignored. Before
-//! the rays come `scene` with the file's name, `holds` with the number of instances and the number of triangles and
-//! parts of shapes, and `answers` with the names of the two backends. A ray is a line of four parts with `|` between
-//! them:
+//! the rays come `scene` with the file's name and `holds` with the number of instances and the number of triangles and
+//! parts of shapes. `answers` with the names of two backends stands before the rays whose results they are; it may come
+//! again, with other backends. A ray is a line of four parts with `|` between them:
 //!
 //! ```text
 //! camera tie edge | 00000000 3f800000 40a00000 bf000000 … | hit 0 12 40b3c1a2 | nothing
@@ -33,6 +33,13 @@ pub struct RaysFile {
     pub scene: String,
     /// Numbers of instances, and of triangles and parts of shapes, to detect a different scene.
     pub holds: [u64; 2],
+    /// Rays of each pair of backends.
+    pub pairs: Vec<RaysOfPair>,
+}
+
+/// Rays for which two backends returned different results.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RaysOfPair {
     /// Names of the two backends.
     pub backends: [String; 2],
     /// Rays with the two results.
@@ -61,27 +68,28 @@ impl RaysFile {
     /// Returns the text of the file.
     pub fn text(&self) -> String {
         let [instances, primitives] = self.holds;
-        let [first, second] = &self.backends;
         // Write the header
         let mut text = format!(
             "{FIRST}\n# kind, tie or wrong, feature | origin, direction, least and largest t, time | result | \
-             result\nscene {}\nholds {instances} {primitives}\nanswers {} | {}\n",
+             result\nscene {}\nholds {instances} {primitives}\n",
             in_one_line(&self.scene),
-            in_one_line(first),
-            in_one_line(second)
         );
-        // Write one line a ray
-        for difference in &self.rays {
-            let verdict = if difference.is_wrong { "wrong" } else { "tie" };
-            let [first, second] = difference.query_results.map(format_query_result);
-            // Writing to a string cannot fail.
-            let _ = writeln!(
-                text,
-                "{} {verdict} {} | {} | {first} | {second}",
-                difference.kind.word(),
-                difference.feature.word(),
-                bits(&difference.ray)
-            );
+        for RaysOfPair { backends, rays } in &self.pairs {
+            // Write the names of the backends; writing to a string cannot fail
+            let [first, second] = backends.each_ref().map(|name| in_one_line(name));
+            let _ = writeln!(text, "answers {first} | {second}");
+            // Write one line a ray
+            for difference in rays {
+                let verdict = if difference.is_wrong { "wrong" } else { "tie" };
+                let [first, second] = difference.query_results.map(format_query_result);
+                let _ = writeln!(
+                    text,
+                    "{} {verdict} {} | {} | {first} | {second}",
+                    difference.kind.word(),
+                    difference.feature.word(),
+                    bits(&difference.ray)
+                );
+            }
         }
         text
     }
@@ -99,7 +107,7 @@ impl RaysFile {
             Some((FIRST, _)) => {}
             _ => return Err(error(1, format!("a file of rays begins with `{FIRST}`"))),
         }
-        let mut has_scene = false;
+        let mut has_counts = false;
         // Parse one line at a time
         for (line, number) in lines {
             let at = |what: String| error(number, what);
@@ -111,21 +119,26 @@ impl RaysFile {
                 "holds" => {
                     file.holds =
                         parse_counts(rest).ok_or_else(|| at("`holds` takes two whole numbers".into()))?;
-                    has_scene = true;
+                    has_counts = true;
                 }
                 "answers" => {
                     let (first, second) = rest
                         .split_once('|')
                         .ok_or_else(|| at("`answers` takes two names with `|` between them".into()))?;
-                    file.backends = [first, second].map(|name| name.trim().to_owned());
+                    file.pairs.push(RaysOfPair {
+                        backends: [first, second].map(|name| name.trim().to_owned()),
+                        rays: Vec::new(),
+                    });
                 }
-                // Require the scene's counts before the first ray
-                _ if !has_scene => {
-                    return Err(at(
-                        "`holds` with two whole numbers must come before the rays".into()
-                    ));
-                }
-                _ => file.rays.push(parse_ray_line(line).map_err(at)?),
+                // Require the scene's counts and two backends before the first ray
+                _ => match file.pairs.last_mut() {
+                    Some(pair) if has_counts => pair.rays.push(parse_ray_line(line).map_err(at)?),
+                    _ => {
+                        return Err(at(
+                            "`holds` with two whole numbers and the names of two backends must come before the rays".into(),
+                        ));
+                    }
+                },
             }
         }
         Ok(file)
@@ -269,20 +282,28 @@ mod tests {
         RaysFile {
             scene: "a folder/scene <1>.glb".into(),
             holds: [4, 70_074],
-            backends: ["Embree 3".into(), "BSP".into()],
-            rays: vec![
-                difference(
-                    RayKind::Camera,
-                    [hit, QueryResult::Nothing],
-                    true,
-                    MeshFeature::Edge,
-                ),
-                difference(
-                    RayKind::Shadow,
-                    [QueryResult::Free, QueryResult::Blocked],
-                    false,
-                    MeshFeature::Nan,
-                ),
+            pairs: vec![
+                RaysOfPair {
+                    backends: ["Embree 3".into(), "native".into()],
+                    rays: Vec::new(),
+                },
+                RaysOfPair {
+                    backends: ["Embree 3".into(), "BSP".into()],
+                    rays: vec![
+                        difference(
+                            RayKind::Camera,
+                            [hit, QueryResult::Nothing],
+                            true,
+                            MeshFeature::Edge,
+                        ),
+                        difference(
+                            RayKind::Shadow,
+                            [QueryResult::Free, QueryResult::Blocked],
+                            false,
+                            MeshFeature::Nan,
+                        ),
+                    ],
+                },
             ],
         }
     }
@@ -293,7 +314,7 @@ mod tests {
         let read = RaysFile::parse(&file.text()).unwrap();
         assert_eq!(read, file);
         // == does not distinguish -0 from 0.
-        assert!(read.rays[0].ray.origin.y.is_sign_negative());
+        assert!(read.pairs[1].rays[0].ray.origin.y.is_sign_negative());
     }
 
     #[test]
@@ -311,7 +332,7 @@ mod tests {
         // Pair each malformed text with its line and a part of the message
         let good = file().text();
         let ray = |line: &str| format!("{good}{line}\n");
-        let bits = bits(&file().rays[0].ray);
+        let bits = bits(&file().pairs[1].rays[0].ray);
         let cases = [
             (String::new(), 1, "begins with"),
             ("whit rays 2\n".into(), 1, "begins with"),
@@ -322,50 +343,55 @@ mod tests {
                 2,
                 "before the rays",
             ),
-            (ray("camera tie edge"), 8, "four parts"),
+            (
+                format!("whit rays 1\nholds 1 2\ncamera tie edge | {bits} | nothing | nothing\n"),
+                3,
+                "before the rays",
+            ),
+            (ray("camera tie edge"), 9, "four parts"),
             (
                 ray(&format!("camera tie | {bits} | nothing | nothing")),
-                8,
+                9,
                 "begins with its kind",
             ),
             (
                 ray(&format!("lamp tie edge | {bits} | nothing | nothing")),
-                8,
+                9,
                 "ray kind `lamp`",
             ),
             (
                 ray(&format!("camera right edge | {bits} | nothing | nothing")),
-                8,
+                9,
                 "neither",
             ),
             (
                 ray(&format!("camera tie moon | {bits} | nothing | nothing")),
-                8,
+                9,
                 "no mesh feature `moon`",
             ),
             (
                 ray("camera tie edge | 00000000 | nothing | nothing"),
-                8,
+                9,
                 "nine numbers, not 1",
             ),
             (
                 ray("camera tie edge | 1.5 | nothing | nothing"),
-                8,
+                9,
                 "eight hexadecimal",
             ),
             (
                 ray(&format!("camera tie edge | {bits} | blocked | nothing")),
-                8,
+                9,
                 "not a result of a camera ray",
             ),
             (
                 ray(&format!("shadow tie edge | {bits} | hit 0 0 00000000 | free")),
-                8,
+                9,
                 "not a result of a shadow ray",
             ),
             (
                 ray(&format!("camera tie edge | {bits} | hit -1 0 00000000 | nothing")),
-                8,
+                9,
                 "not the number",
             ),
         ];

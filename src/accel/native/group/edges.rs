@@ -17,12 +17,19 @@ use crate::mesh::simd::{Floats, LaneMask, WideLevel};
 
 use super::frame::splat;
 use super::projection::GroupProjection;
+use super::query::GroupQuery;
 use super::rays::{GroupRays, GroupWindow};
 use crate::accel::native::layout::LeafBlock;
 
 /// Error of an edge function relative to the sum of the magnitudes of its products: eight units of roundoff, rounded up, for
 /// two products and a difference, and two products and two sums with the ray.
 const EDGE_ERROR: f32 = 5e-7;
+/// Error of a depth relative to the greatest depth of a vertex: eight units of roundoff, rounded up.
+const DEPTH_ERROR: f32 = 5e-7;
+/// Error of the position of a vertex relative to a ray in the plane, relative to the greatest magnitude of coordinates: 16
+/// units of roundoff, rounded up, for four roundings of the vertex and four of the ray. Those of vertices count twice, as
+/// each vertex has two edges.
+const POSITION_ERROR: f32 = 1e-6;
 
 /// Vertices of eight triangles in the frame of a group, with their depths.
 #[derive(Clone, Copy)]
@@ -223,16 +230,46 @@ pub(super) struct CandidateLanes<W: WideLevel<N>, const N: usize> {
     pub(super) inside: LaneMask<W, N>,
     /// Mask of the lanes that are to be decided in f64.
     pub(super) near_edge: LaneMask<W, N>,
-    /// Sum of the edge functions without the error bounds.
-    pub(super) sum: Floats<W, N>,
     /// Depths of the hits.
     pub(super) z: Floats<W, N>,
+    /// Magnitude of the sum of the edge functions.
+    sum: Floats<W, N>,
+    /// Error bound of the depths times [`CandidateLanes::sum`], for queries whose rays start at surfaces; else 0.
+    depth_error: Floats<W, N>,
+}
+
+impl<W: WideLevel<N>, const N: usize> CandidateLanes<W, N> {
+    /// Returns the lanes whose hits, at the depths `z`, are within the rays' depths. Those of rays that start at surfaces
+    /// may lie behind the start by their error.
+    #[inline(always)]
+    pub(super) fn within<P: GroupQuery>(
+        &self,
+        z: Floats<W, N>,
+        rays: &ProjectedRays<W, N>,
+    ) -> LaneMask<W, N> {
+        let before_far = match P::IS_ANY {
+            true => ((z - rays.z) * self.sum).le(self.depth_error),
+            false => z.le(rays.z),
+        };
+        rays.z_near.le(z) & before_far
+    }
+
+    /// Returns a mask of the lanes whose hits, at the depths `z`, are so near the start that they may lie behind it.
+    #[inline(always)]
+    pub(super) fn near_start(&self, z: Floats<W, N>, rays: &ProjectedRays<W, N>) -> u32 {
+        ((rays.z - z) * self.sum).le(self.depth_error).bits()
+    }
 }
 
 impl<W: WideLevel<N>, const N: usize> Edges<W, N> {
     /// Returns the lanes that may be hits within the rays' depths; `None` if there are none.
     #[inline(always)]
-    pub(super) fn candidates(&self, level: W, rays: &ProjectedRays<W, N>) -> Option<CandidateLanes<W, N>> {
+    pub(super) fn candidates<P: GroupQuery>(
+        &self,
+        level: W,
+        group: &GroupRays,
+        rays: &ProjectedRays<W, N>,
+    ) -> Option<CandidateLanes<W, N>> {
         // Evaluate the edge functions
         let e0 = self.a[0] * rays.u + (self.b[0] * rays.v + self.c[0]);
         let e1 = self.a[1] * rays.u + (self.b[1] * rays.v + self.c[1]);
@@ -248,14 +285,52 @@ impl<W: WideLevel<N>, const N: usize> Edges<W, N> {
         let e = [e0 - error0, e1 - error1, e2 - error2];
         let sum = e[0] + (e[1] + e[2]);
         let z = (e[0] * self.z[0] + (e[1] * self.z[1] + e[2] * self.z[2])) / sum;
-        // Keep those within the depths; those close to an edge stay until they are decided
-        let within = rays.z_near.le(z) & z.le(rays.z);
-        let inside = inside & (within | near_edge);
-        (inside.bits() != 0).then_some(CandidateLanes {
+        let sum = sum.abs();
+        let mut candidates = CandidateLanes {
             inside,
             near_edge: near_edge & inside,
-            sum,
             z,
-        })
+            sum,
+            depth_error: match P::IS_ANY {
+                true => self.depth_error::<P::Projection>(level, group, sum),
+                false => splat(level, 0.0),
+            },
+        };
+        // Keep those within the depths; those close to an edge stay until they are decided
+        candidates.inside = inside & (candidates.within::<P>(z, rays) | near_edge);
+        (candidates.inside.bits() != 0).then_some(candidates)
+    }
+
+    /// Bounds the errors of the depths of hits, and of the starts with which they are compared, times the magnitude `sum`
+    /// of the sum of the edge functions.
+    #[inline(always)]
+    fn depth_error<J: GroupProjection>(
+        &self,
+        level: W,
+        group: &GroupRays,
+        sum: Floats<W, N>,
+    ) -> Floats<W, N> {
+        // Compute the range of the vertices' depths
+        let [z0, z1, z2] = self.z;
+        let farthest = z0.max(z1.max(z2));
+        let span = farthest - z0.min(z1.min(z2));
+        // Bound the errors of the edge functions from their own roundings, and from those of vertices and rays in the plane
+        let mut slopes = splat(level, 0.0);
+        let mut error = splat(level, 0.0);
+        for e in 0..3 {
+            slopes = slopes + (self.a[e].abs() + self.b[e].abs());
+            error = error + self.error[e];
+        }
+        let mut reach = splat(level, group.reach());
+        let mut depth = farthest;
+        if J::IS_PARALLEL {
+            // Depths have either sign, and both ends of the difference are rounded. A vertex is no farther from a ray
+            // inside the triangle than the sum of all sides. With m the greatest coordinate and R the sum of the greatest
+            // depths, the errors of two ends of an edge and of the ray are 2 (2 m + 4 R) + 2 m + 3 R units of roundoff
+            depth = z0.abs().max(z1.abs().max(z2.abs())) + splat(level, group.frame.spread[2]);
+            reach = reach + slopes + depth;
+        }
+        error = error + slopes * (splat(level, POSITION_ERROR) * reach);
+        error * span + splat(level, DEPTH_ERROR) * (depth * sum)
     }
 }

@@ -14,7 +14,7 @@ use super::frustum::DepthWindow;
 use super::projection::GroupProjection;
 use super::query::GroupQuery;
 use super::rays::{GroupRays, GroupWindow, NO_SLOT, OFF, PACKETS};
-use super::start::{StartTest, near_start};
+use super::start::StartTest;
 use crate::accel::native::layout::{LeafBlock, TreeView};
 
 /// Maximum number of rays that are tested one by one.
@@ -275,27 +275,21 @@ impl<I: SimdLevel> BlockTest<'_, I> {
             z_near: Floats::load(sixteen, &rays.z_near[packet]),
             z: Floats::load(sixteen, &rays.z[packet]),
         };
-        let Some(candidates) = edges.candidates(sixteen, &lane_rays) else {
+        let Some(candidates) = edges.candidates::<P>(sixteen, rays, &lane_rays) else {
             return false;
         };
         let triangles = LaneTriangles::One(triangle);
-        let found = self.decided::<P::Projection, _, LANES>(sixteen, &candidates, &lane_rays, triangles);
+        let found = self.decided::<P, _, LANES>(sixteen, &candidates, &lane_rays, triangles);
         let mut hits = found.hits;
         if P::IS_ANY {
             // Discard hits behind the starts
-            let starts = near_start::<P::Projection, _, LANES>(
-                sixteen,
-                rays,
-                edges,
-                &candidates,
-                lane_rays.z,
-                found.z,
-            );
-            let near = hits.bits() & starts;
+            let near = hits.bits() & candidates.near_start(found.z, &lane_rays);
             if near != 0 {
                 let (frame, packets) = (&rays.frame, self.packets);
-                let test = StartTest::of_packet(sixteen, frame, packets, packet, self.block, triangle);
-                let behind = test.behind::<P::Projection>(near);
+                let test = StartTest::of_packet::<P::Projection>(
+                    sixteen, frame, packets, packet, self.block, triangle,
+                );
+                let behind = test.behind(near);
                 hits = LaneMask::of_bits(sixteen, hits.bits() & !behind);
             }
             // Turn off the rays that are blocked
@@ -349,22 +343,19 @@ impl<I: SimdLevel> BlockTest<'_, I> {
                 z_near: splat(eight, rays.z_near[packet][lane]),
                 z: splat(eight, rays.z[packet][lane]),
             };
-            let Some(candidates) = self.edges.candidates(eight, &lane_rays) else {
+            let Some(candidates) = self.edges.candidates::<P>(eight, rays, &lane_rays) else {
                 continue;
             };
-            let found =
-                self.decided::<P::Projection, _, 8>(eight, &candidates, &lane_rays, LaneTriangles::Each);
+            let found = self.decided::<P, _, 8>(eight, &candidates, &lane_rays, LaneTriangles::Each);
             let mut hits = found.hits.bits() & visible;
             // Discard hits behind its start
             if P::IS_ANY {
-                let edges = self.edges;
-                let starts =
-                    near_start::<P::Projection, _, 8>(eight, rays, edges, &candidates, lane_rays.z, found.z);
-                let near = hits & starts;
+                let near = hits & candidates.near_start(found.z, &lane_rays);
                 if near != 0 {
                     let (frame, packets) = (&rays.frame, self.packets);
-                    let test = StartTest::of_ray(eight, frame, packets, packet, lane, self.block);
-                    hits &= !test.behind::<P::Projection>(near);
+                    let test =
+                        StartTest::of_ray::<P::Projection>(eight, frame, packets, packet, lane, self.block);
+                    hits &= !test.behind(near);
                 }
             }
             if hits == 0 {
@@ -395,7 +386,7 @@ impl<I: SimdLevel> BlockTest<'_, I> {
 
     /// Returns the hits within the rays' depths, after lanes close to an edge have been decided in f64.
     #[inline(always)]
-    fn decided<J: GroupProjection, W: WideLevel<N>, const N: usize>(
+    fn decided<P: GroupQuery, W: WideLevel<N>, const N: usize>(
         &self,
         level: W,
         candidates: &CandidateLanes<W, N>,
@@ -411,12 +402,12 @@ impl<I: SimdLevel> BlockTest<'_, I> {
             // Copy the vertices here, so that on the common path they stay in registers
             let corners = CornerRows::new(self.corners);
             let (u, v) = (lane_rays.u.to_array(), lane_rays.v.to_array());
-            let decided = decide::<J, N>(&corners, triangles, near_edge, [&u, &v]);
+            let decided = decide::<P::Projection, N>(&corners, triangles, near_edge, [&u, &v]);
             // Replace the lanes that were decided
             let near_edge = candidates.near_edge;
             found.z = near_edge.select(Floats::load(level, &decided.z), found.z);
             // Keep those within the ray's depths
-            let within = lane_rays.z_near.le(found.z) & found.z.le(lane_rays.z);
+            let within = candidates.within::<P>(found.z, lane_rays);
             let certain = candidates.inside.bits() & !near_edge.bits();
             let decided_hits = near_edge.bits() & decided.hits & within.bits();
             found.hits = LaneMask::of_bits(level, certain | decided_hits);

@@ -17,10 +17,11 @@
 //! point and about 5 of the interpolation, so its relative error is below 16 u for triangles that do not point at the
 //! common point; for a triangle seen at a grazing angle the error of the weights is multiplied by the range of its depths.
 //!
-//! The answer for a shadow ray differs from the reference test of the ray alone only where rounding decides: where it
+//! The result for a shadow ray differs from that of the reference test of the ray alone only where rounding decides: where it
 //! passes the outline of what blocks it, or its interval ends at a hit, within the errors of coordinates in the group's
 //! frame. They are relative to the distance from the target ([`common_end`]), or from the middle of the group's origins
-//! ([`common_direction`]). Hits near the start are compared with it as closely as by the reference test ([`start`]).
+//! ([`common_direction`]); `hit_compare` allows for them. Hits near the start, on either side of it, are compared with it as
+//! closely as by the reference test ([`start`]).
 
 mod common_direction;
 mod common_end;

@@ -165,10 +165,22 @@ fn rays_from_surfaces_along_a_direction_are_not_blocked_by_their_triangle() {
     let mesh = bumpy_sphere(100_000);
     let mut counts = SurfaceRayCounts::default();
     for direction in directions(&mut RandomNumbers(13)) {
-        counts.add(&mesh, RayEnd::Direction(direction));
+        counts.add(&mesh, RayEnd::Direction(direction), false);
     }
     let SurfaceRayCounts { all, free, different } = counts;
     println!("{different} of {all}, {free} free");
     assert!(all > 500_000 && free > all / 2, "{free} of {all}");
     assert!(different <= all / 50_000, "{different} of {all}");
+}
+
+#[test]
+fn rays_along_a_direction_are_blocked_by_a_triangle_a_rounding_error_before_their_start() {
+    let mesh = bumpy_sphere(100_000);
+    let mut counts = SurfaceRayCounts::default();
+    for direction in directions(&mut RandomNumbers(13)) {
+        counts.add(&mesh, RayEnd::Direction(direction), true);
+    }
+    let SurfaceRayCounts { all, free, different } = counts;
+    assert!(all > 500_000 && free == 0, "{free} of {all}");
+    assert!(different <= all / 100_000, "{different} of {all}");
 }

@@ -321,7 +321,7 @@ impl<W: WideLevel<N>, const N: usize> Edges<W, N> {
             slopes = slopes + (self.a[e].abs() + self.b[e].abs());
             error = error + self.error[e];
         }
-        let mut reach = splat(level, group.reach());
+        let mut reach = splat(level, group.reach);
         let mut depth = farthest;
         if J::IS_PARALLEL {
             // Depths have either sign, and both ends of the difference are rounded. A vertex is no farther from a ray

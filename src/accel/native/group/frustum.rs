@@ -92,7 +92,7 @@ impl Frustum {
             slopes: rays.slopes,
             window_error: match J::IS_PARALLEL {
                 true => [0, 1].map(|i| WINDOW_ERROR * (reach[i] + frame.slopes[i].abs() * reach[2])),
-                false => [WINDOW_ERROR * rays.reach(); 2],
+                false => [WINDOW_ERROR * rays.reach; 2],
             },
         }
     }

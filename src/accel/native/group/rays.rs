@@ -66,6 +66,8 @@ pub(super) struct GroupRays {
     pub(super) frame: GroupFrame,
     /// Window around all rays, not relative to the centre.
     pub(super) window: GroupWindow,
+    /// Greatest magnitude of u or v of a ray, not relative to the centre.
+    pub(super) reach: f32,
     /// Slopes along which vertices are sheared to z: those of the common direction; for rays with a common end those of
     /// the window's centre, which is also subtracted from u and v, so that they are small and keep their digits.
     pub(super) slopes: [f32; 2],
@@ -96,6 +98,7 @@ impl GroupRays {
         Box::new(GroupRays {
             frame: GroupFrame::along([0.0, 0.0, 1.0], [0.0; 3]),
             window: GroupWindow::default(),
+            reach: 0.0,
             slopes: [0.0; 2],
             centred: GroupWindow::default(),
             z_max: OFF,
@@ -162,6 +165,14 @@ impl GroupRays {
             v_min: v_min.min_lane(),
             v_max: v_max.max_lane(),
         };
+        let GroupWindow {
+            u_min,
+            u_max,
+            v_min,
+            v_max,
+        } = self.window;
+        let reach_u = u_min.abs().max(u_max.abs());
+        self.reach = reach_u.max(v_min.abs().max(v_max.abs()));
         if count > 0 {
             self.centre::<I, J>(isa);
         }
@@ -261,19 +272,6 @@ impl GroupRays {
     #[inline(always)]
     pub(super) fn tile_count(&self) -> usize {
         self.packet_count.div_ceil(8).min(TILES)
-    }
-
-    /// Returns the greatest magnitude of u or v of a ray, not relative to the centre.
-    #[inline(always)]
-    pub(super) fn reach(&self) -> f32 {
-        let GroupWindow {
-            u_min,
-            u_max,
-            v_min,
-            v_max,
-        } = self.window;
-        let u = u_min.abs().max(u_max.abs());
-        u.max(v_min.abs().max(v_max.abs()))
     }
 
     /// Returns whether the rays leave most of the group's window empty.

@@ -40,15 +40,13 @@ impl RayKind {
         }
     }
 
-    /// Traces packets as the renderer does: camera rays, and shadow rays to one light, as coherent ones.
-    fn trace_all(self, accel: &dyn Accel, packets: &mut [RayPacket]) {
-        match self {
-            RayKind::Camera => accel.intersect(packets, Coherence::Coherent),
-            RayKind::Reflection => accel.intersect(packets, Coherence::Incoherent),
-            RayKind::Shadow => match self.common_end(packets) {
-                Some(end) => accel.occluded_towards(packets, end),
-                None => accel.occluded(packets, Coherence::Incoherent),
-            },
+    /// Traces packets as the renderer does: camera rays, and shadow rays with a common `end`, as coherent ones.
+    fn trace_all(self, end: Option<RayEnd>, accel: &dyn Accel, packets: &mut [RayPacket]) {
+        match (self, end) {
+            (RayKind::Camera, _) => accel.intersect(packets, Coherence::Coherent),
+            (RayKind::Reflection, _) => accel.intersect(packets, Coherence::Incoherent),
+            (RayKind::Shadow, Some(end)) => accel.occluded_towards(packets, end),
+            (RayKind::Shadow, None) => accel.occluded(packets, Coherence::Incoherent),
         }
     }
 
@@ -184,12 +182,12 @@ fn cross_check_chunk(
     kind: RayKind,
 ) -> BackendComparison {
     // Trace copies of the packets through both structures
+    let end = kind.common_end(recorded);
     let results = accels.map(|accel| {
         let mut packets = recorded.to_vec();
-        kind.trace_all(accel, &mut packets);
+        kind.trace_all(end, accel, &mut packets);
         packets
     });
-    let end = kind.common_end(recorded);
     let mut comparison = BackendComparison::default();
     // Compare the results of each active lane
     for (number, packet) in recorded.iter().enumerate() {
@@ -233,7 +231,8 @@ pub fn retrace(
     let packets = [reference, accel].map(|accel| {
         let mut packet = [RayPacket::EMPTY];
         packet[0].set(0, ray);
-        recorded.kind.trace_all(accel, &mut packet);
+        let end = recorded.kind.common_end(&packet);
+        recorded.kind.trace_all(end, accel, &mut packet);
         packet[0].clone()
     });
     // Classify the difference under the rounding of that kind of instancing

@@ -165,14 +165,6 @@ impl GroupRays {
             v_min: v_min.min_lane(),
             v_max: v_max.max_lane(),
         };
-        let GroupWindow {
-            u_min,
-            u_max,
-            v_min,
-            v_max,
-        } = self.window;
-        let reach_u = u_min.abs().max(u_max.abs());
-        self.reach = reach_u.max(v_min.abs().max(v_max.abs()));
         if count > 0 {
             self.centre::<I, J>(isa);
         }
@@ -188,6 +180,8 @@ impl GroupRays {
             v_min,
             v_max,
         } = self.window;
+        let reach_u = u_min.abs().max(u_max.abs());
+        self.reach = reach_u.max(v_min.abs().max(v_max.abs()));
         // Move the window; the frame of parallel rays is amid them already
         let centre = match J::IS_PARALLEL {
             true => [0.0; 2],

@@ -357,8 +357,18 @@ pub(super) struct SurfaceRayCounts {
 }
 
 impl SurfaceRayCounts {
+    /// Counts rays from a bumpy sphere towards each end; they `cross` the triangles that they start at or leave them.
+    pub(super) fn of(ends: impl IntoIterator<Item = RayEnd>, cross: bool) -> SurfaceRayCounts {
+        let mesh = bumpy_sphere(100_000);
+        let mut counts = SurfaceRayCounts::default();
+        for end in ends {
+            counts.add(&mesh, end, cross);
+        }
+        counts
+    }
+
     /// Traces rays from all triangles that face a light, in groups and one at a time; they `cross` these triangles or leave them.
-    pub(super) fn add(&mut self, mesh: &Mesh, end: RayEnd, cross: bool) {
+    fn add(&mut self, mesh: &Mesh, end: RayEnd, cross: bool) {
         let tree = build_tree(&[mesh]).unwrap();
         let mut actual = from_surface(mesh, end, cross);
         let mut expected = actual.clone();
@@ -374,13 +384,12 @@ impl SurfaceRayCounts {
     }
 }
 
+/// Lights near the mesh and far from it.
+const TARGETS: [Vec3; 2] = [Vec3::new(2.0, 3.0, 1.5), Vec3::new(-40.0, 5.0, 9.0)];
+
 #[test]
 fn rays_from_surfaces_are_not_blocked_by_their_triangle() {
-    let mesh = bumpy_sphere(100_000);
-    let mut counts = SurfaceRayCounts::default();
-    for target in [Vec3::new(2.0, 3.0, 1.5), Vec3::new(-40.0, 5.0, 9.0)] {
-        counts.add(&mesh, RayEnd::Point(target), false);
-    }
+    let counts = SurfaceRayCounts::of(TARGETS.map(RayEnd::Point), false);
     // Nine of 537 000 such rays differ: their hits are as near the start as the rounding error of either test
     let SurfaceRayCounts { all, free, different } = counts;
     assert!(all > 50_000 && free > all / 2, "{free} of {all}");
@@ -389,11 +398,7 @@ fn rays_from_surfaces_are_not_blocked_by_their_triangle() {
 
 #[test]
 fn rays_are_blocked_by_a_triangle_a_rounding_error_before_their_start() {
-    let mesh = bumpy_sphere(100_000);
-    let mut counts = SurfaceRayCounts::default();
-    for target in [Vec3::new(2.0, 3.0, 1.5), Vec3::new(-40.0, 5.0, 9.0)] {
-        counts.add(&mesh, RayEnd::Point(target), true);
-    }
+    let counts = SurfaceRayCounts::of(TARGETS.map(RayEnd::Point), true);
     // Twelve of 87 000 pass the outline of the mesh, by less than the rounding error of its vertices relative to the light
     let SurfaceRayCounts { all, free, different } = counts;
     assert!(all > 50_000 && free == 0, "{free} of {all}");

@@ -31,6 +31,8 @@ pub trait SimdLevel: Copy {
 
     /// Flag for kernels that fall back to f64 where f32 cannot decide; false for [`F32Only`] alone.
     const IS_EXACT: bool = true;
+    /// Flag for registers of at least eight f32.
+    const HAS_EIGHT: bool = false;
     /// Flag for registers of sixteen f32.
     const HAS_SIXTEEN: bool = false;
 
@@ -191,6 +193,7 @@ pub struct F32Only<I>(pub I);
 
 impl<I: SimdLevel> SimdLevel for F32Only<I> {
     const IS_EXACT: bool = false;
+    const HAS_EIGHT: bool = I::HAS_EIGHT;
     const HAS_SIXTEEN: bool = I::HAS_SIXTEEN;
     type Eight = I::Eight;
     type Sixteen = I::Sixteen;

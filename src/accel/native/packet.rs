@@ -1,12 +1,12 @@
-//! Traversal of small trees with packets of sixteen rays in any directions.
+//! Traversal of small trees with packets of rays in any directions, sixteen together or eight.
 //!
 //! In a tree of a few hundred triangles most nodes are entered by some ray of any packet. Testing one box, or one
 //! triangle, with all rays at once then takes less time than tracing the rays one after the other. The triangle test is
 //! the watertight one of `mesh::triangle`, so results are those of the other backends.
 
 use crate::accel::bsp::error_bounds::Line;
-use crate::accel::{Hit, LANES, Query, RayPacket};
-use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch_sixteen, lanes};
+use crate::accel::{LANES, Query, RayPacket};
+use crate::mesh::simd::{Floats, LaneMask, SimdKernel, SimdLevel, WideLevel, dispatch_sixteen, lanes};
 use crate::mesh::triangle::{
     AxisOrders, HitLanes, OwnAxes, PACK, ShearLanes, ShearedVertex, may_contain_origin,
 };
@@ -16,8 +16,8 @@ use super::layout::{ChildLink, NO_NUMBER, NativeNode, STACK, TreeView, WIDTH};
 use super::single;
 use super::small_tree::{IndexedBlock, MAX_VERTICES, SmallTree};
 
-/// Least number of active lanes of a packet whose rays are traced together: of sixteen rays through 40 triangles packets take
-/// 0.6 of the time of single rays, of eight 0.9 (`cargo bench --bench timing -- small_trees`).
+/// Least number of active lanes of a packet whose rays are traced together: of eight or sixteen rays through 40 triangles
+/// packets take 0.7 of the time of single rays with AVX2, of four 1.05 (`cargo bench --bench timing -- small_trees`).
 const MIN_LANES: u32 = 8;
 
 /// Finds the hits of every active lane for a query: packet by packet, those of few rays one by one.
@@ -49,45 +49,75 @@ impl SimdKernel for SmallTreePackets<'_> {
 
     #[inline(always)]
     fn run<I: SimdLevel>(self, isa: I) -> u32 {
-        // With registers of eight lanes packets take as long as single rays
-        if !I::HAS_SIXTEEN {
+        // Without registers of eight lanes packets take longer than single rays
+        if !I::HAS_EIGHT {
             return u32::MAX;
         }
+        // Trace as many rays together as a register holds
+        if I::HAS_SIXTEEN {
+            let wide = isa.sixteen();
+            self.trace(SimdLevels { isa, wide })
+        } else {
+            let wide = isa.eight();
+            self.trace(SimdLevels { isa, wide })
+        }
+    }
+}
+
+impl SmallTreePackets<'_> {
+    /// Traces the packets of many rays, `N` rays at a time.
+    #[inline(always)]
+    fn trace<const N: usize>(self, isa: SimdLevels<impl SimdLevel, impl WideLevel<N>>) -> u32 {
         let mut memory = TraversalMemory::new();
         let mut sparse = 0;
         for packet in self.packets {
             packet.drop_untraceable();
-            let active = packet.active_mask();
-            if active.count_ones() >= MIN_LANES {
-                trace_together(
-                    isa,
-                    (self.tree, self.small),
-                    packet,
-                    active,
-                    self.query,
-                    &mut memory,
-                );
-            } else {
+            if packet.active_mask().count_ones() < MIN_LANES {
                 sparse = MIN_LANES;
+                continue;
             }
+            let tree = (self.tree, self.small);
+            trace_together(isa, tree, packet, self.query, &mut memory);
         }
         sparse
     }
 }
 
-/// Traces the rays of the mask `active` of a packet together, and writes the results into it.
+/// Instruction set with its level of operations on `N` f32.
+#[derive(Clone, Copy)]
+struct SimdLevels<I, W> {
+    isa: I,
+    wide: W,
+}
+
+/// Traces the active rays of a packet, `N` together, and writes the results into it.
 #[inline(always)]
-fn trace_together(
-    isa: impl SimdLevel,
+fn trace_together<const N: usize>(
+    isa: SimdLevels<impl SimdLevel, impl WideLevel<N>>,
     tree: (TreeView, &SmallTree),
     packet: &mut RayPacket,
-    active: u32,
     query: Query,
-    memory: &mut TraversalMemory,
+    memory: &mut TraversalMemory<N>,
 ) {
-    let mut rays = PacketRays::new(packet, active);
-    rays.traverse(isa, tree, query, memory);
-    rays.write(packet, query);
+    for part in 0..LANES / N {
+        let rays = PacketRays::new(packet, part);
+        if rays.active != 0 {
+            let hits = rays.traverse(isa, tree, query, memory);
+            hits.write(packet, part, query);
+        }
+    }
+}
+
+/// Returns `N` lanes: those of that part of a packet.
+#[inline(always)]
+fn lanes_of<T: Copy, const N: usize>(row: &Lanes<T>, part: usize) -> [T; N] {
+    row.as_chunks::<N>().0[part]
+}
+
+/// Returns `N` lanes of each axis.
+#[inline(always)]
+fn axes_of<const N: usize>([x, y, z]: &Lanes3<f32>, part: usize) -> [[f32; N]; 3] {
+    [lanes_of(x, part), lanes_of(y, part), lanes_of(z, part)]
 }
 
 /// Node or block that waits for its visit.
@@ -106,15 +136,15 @@ impl WaitingChild {
 }
 
 /// Working memory of a traversal.
-struct TraversalMemory {
+struct TraversalMemory<const N: usize> {
     stack: [WaitingChild; STACK],
     /// Vertices of a leaf in the frames of the rays.
-    vertices: [ShearedVertex<LANES>; MAX_VERTICES],
+    vertices: [ShearedVertex<N>; MAX_VERTICES],
 }
 
-impl TraversalMemory {
+impl<const N: usize> TraversalMemory<N> {
     #[inline(always)]
-    fn new() -> TraversalMemory {
+    fn new() -> TraversalMemory<N> {
         TraversalMemory {
             stack: [WaitingChild::NONE; STACK],
             vertices: [ShearedVertex::ZERO; MAX_VERTICES],
@@ -122,64 +152,69 @@ impl TraversalMemory {
     }
 }
 
-/// Rays of a packet with precomputed data, and their nearest hits.
+/// Rays with precomputed data, and their nearest hits.
 #[repr(C, align(64))]
-struct PacketRays {
-    origin: Lanes3<f32>,
+struct PacketRays<const N: usize> {
+    origin: [[f32; N]; 3],
     /// Reciprocal directions of entry and exit, as in [`Line`].
-    enter: Lanes3<f32>,
-    leave: Lanes3<f32>,
-    shears: ShearLanes<LANES, OwnAxes<LANES>>,
-    axes: AxisOrders<LANES>,
-    t_near: Lanes<f32>,
-    /// Parameters of the nearest hits, or of the rays' ends.
-    t: Lanes<f32>,
-    /// Barycentric weights of the hits times their determinants.
-    weights: [Lanes<f32>; 2],
-    det: Lanes<f32>,
-    /// Numbers of the triangles hit; [`NO_NUMBER`] for none.
-    numbers: Lanes<u32>,
-    /// Mask of the rays that are still traced.
+    enter: [[f32; N]; 3],
+    leave: [[f32; N]; 3],
+    shears: ShearLanes<N, OwnAxes<N>>,
+    axes: AxisOrders<N>,
+    t_near: [f32; N],
+    /// Parameters of the rays' ends; -∞ for inactive lanes.
+    t_far: [f32; N],
+    /// Mask of the active rays.
     active: u32,
 }
 
-impl PacketRays {
+impl<const N: usize> PacketRays<N> {
     #[inline(always)]
-    fn new(packet: &RayPacket, active: u32) -> PacketRays {
+    fn new(packet: &RayPacket, part: usize) -> PacketRays<N> {
         // Prepare the rays for the tests of boxes and triangles
-        let [enter, leave] = Line::reciprocals(&packet.direction);
-        let shears = ShearLanes::of_each(&packet.origin, &packet.direction);
-        // Give the other lanes an empty interval
-        let mut t = [f32::NEG_INFINITY; LANES];
-        for lane in 0..LANES {
-            let t_far = packet.t_far[lane];
-            let t_far = if t_far < f32::MAX { t_far } else { f32::MAX };
-            t[lane] = if packet.active[lane] != 0 { t_far } else { t[lane] };
+        let origin = axes_of(&packet.origin, part);
+        let direction = axes_of(&packet.direction, part);
+        let [enter, leave] = Line::reciprocals(&direction);
+        let shears = ShearLanes::of_each(&origin, &direction);
+        // Give inactive lanes an empty interval
+        let is_active: [i32; N] = lanes_of(&packet.active, part);
+        let mut t_far: [f32; N] = lanes_of(&packet.t_far, part);
+        let mut active = 0;
+        for lane in 0..N {
+            let end = if t_far[lane] < f32::MAX {
+                t_far[lane]
+            } else {
+                f32::MAX
+            };
+            t_far[lane] = if is_active[lane] != 0 {
+                end
+            } else {
+                f32::NEG_INFINITY
+            };
+            active |= u32::from(is_active[lane] != 0) << lane;
         }
         PacketRays {
-            origin: packet.origin,
+            origin,
             enter,
             leave,
             axes: AxisOrders::of(&shears.axes),
             shears,
-            t_near: packet.t_near,
+            t_near: lanes_of(&packet.t_near, part),
+            t_far,
             active,
-            t,
-            weights: [[0.0; LANES]; 2],
-            det: [1.0; LANES],
-            numbers: [NO_NUMBER; LANES],
         }
     }
 
-    /// Finds the nearest hits, or any with [`Query::Any`].
+    /// Returns the nearest hits, or any with [`Query::Any`].
     #[inline(always)]
-    fn traverse(
-        &mut self,
-        isa: impl SimdLevel,
+    fn traverse<W: WideLevel<N>>(
+        &self,
+        isa: SimdLevels<impl SimdLevel, W>,
         (tree, small): (TreeView, &SmallTree),
         query: Query,
-        TraversalMemory { stack, vertices }: &mut TraversalMemory,
-    ) {
+        TraversalMemory { stack, vertices }: &mut TraversalMemory<N>,
+    ) -> SmallTreeHits<W, N> {
+        let mut hits = SmallTreeHits::none(isa.wide, &self.t_far);
         // Start at the root
         stack[0] = WaitingChild {
             child: tree.root,
@@ -190,71 +225,71 @@ impl PacketRays {
             // Skip what no ray enters that is still traced
             count -= 1;
             let WaitingChild { child, rays } = stack[count];
-            let rays = rays & self.active;
+            let rays = hits.traced(rays, query);
             if rays == 0 {
                 continue;
             }
             // Intersect the triangles of a leaf, or the boxes of a node
             if child.is_leaf() {
-                self.intersect_block(isa, (small.block(child), vertices), rays, query);
-            } else {
-                let node = &tree.nodes[child.index()];
-                for slot in 0..WIDTH {
-                    let rays = self.entering(isa, node, slot) & rays;
-                    if rays != 0 {
-                        stack[count % STACK] = WaitingChild {
-                            child: node.children[slot],
-                            rays,
-                        };
-                        count += 1;
-                    }
+                hits = self.intersect_block(isa, (small.block(child), vertices), rays, query, hits);
+                continue;
+            }
+            let node = &tree.nodes[child.index()];
+            for slot in 0..WIDTH {
+                let child = node.children[slot];
+                if child == ChildLink::EMPTY {
+                    continue;
+                }
+                let rays = self.entering(node, slot, hits.t) & rays;
+                if rays != 0 {
+                    stack[count % STACK] = WaitingChild { child, rays };
+                    count += 1;
                 }
             }
         }
+        hits
     }
 
-    /// Returns the mask of the rays that intersect the box of a child by the slab method.
+    /// Returns the mask of the rays up to `t_far` that intersect the box of a child by the slab method.
     #[inline(always)]
-    fn entering(&self, isa: impl SimdLevel, node: &NativeNode, slot: usize) -> u32 {
-        let (mut near, mut far) = (self.t_near, self.t);
+    fn entering<W: WideLevel<N>>(&self, node: &NativeNode, slot: usize, t_far: Floats<W, N>) -> u32 {
+        let wide = t_far.level();
+        let (mut near, mut far) = (Floats::load(wide, &self.t_near), t_far);
         for axis in 0..3 {
             // Enter by the bound that the ray reaches first
-            let [low, high] = [node.bounds[0][axis][slot], node.bounds[1][axis][slot]];
-            for lane in 0..LANES {
-                let rises = self.enter[axis][lane].is_sign_positive();
-                let (first, last) = if rises { (low, high) } else { (high, low) };
-                let t0 = (first - self.origin[axis][lane]) * self.enter[axis][lane];
-                let t1 = (last - self.origin[axis][lane]) * self.leave[axis][lane];
-                // NaN, from a ray within a face, leaves the interval unchanged
-                near[lane] = if t0 > near[lane] { t0 } else { near[lane] };
-                far[lane] = if t1 < far[lane] { t1 } else { far[lane] };
-            }
+            let low = Floats::splat(wide, node.bounds[0][axis][slot]);
+            let high = Floats::splat(wide, node.bounds[1][axis][slot]);
+            let origin = Floats::load(wide, &self.origin[axis]);
+            let enter = Floats::load(wide, &self.enter[axis]);
+            let leave = Floats::load(wide, &self.leave[axis]);
+            let falls = enter.lt_i32(Floats::splat(wide, 0.0));
+            // NaN, from a ray within a face, leaves the interval unchanged
+            near = ((falls.select(high, low) - origin) * enter).max(near);
+            far = ((falls.select(low, high) - origin) * leave).min(far);
         }
-        isa.le(&near, &far)
+        near.le(far).bits()
     }
 
-    /// Intersects the triangles of a leaf with the rays of the mask `rays`.
+    /// Intersects the triangles of a leaf with the rays of the mask `rays`. Returns the hits so far with those added.
     #[inline(always)]
-    fn intersect_block(
-        &mut self,
-        isa: impl SimdLevel,
-        (block, sheared): (&IndexedBlock, &mut [ShearedVertex<LANES>; MAX_VERTICES]),
+    fn intersect_block<W: WideLevel<N>>(
+        &self,
+        SimdLevels { isa, .. }: SimdLevels<impl SimdLevel, W>,
+        (block, sheared): (&IndexedBlock, &mut [ShearedVertex<N>; MAX_VERTICES]),
         rays: u32,
         query: Query,
-    ) {
+        mut hits: SmallTreeHits<W, N>,
+    ) -> SmallTreeHits<W, N> {
         // Transform each vertex once for all triangles that share it
         for (vertex, sheared) in block.vertices().iter().zip(sheared.iter_mut()) {
             *sheared = self.shears.sheared_along(&self.axes.along(isa, vertex));
         }
-        // Find the rays whose lines may intersect the triangles
+        // Find the triangles that lines of rays may intersect, and that are not behind all of these
         let (mut masks, mut members) = ([0; PACK], 0);
         for (slot, [a, b, c]) in block.triangles().enumerate() {
-            let corners = [
-                &sheared[a].projected,
-                &sheared[b].projected,
-                &sheared[c].projected,
-            ];
-            masks[slot] = may_contain_origin(isa, corners) & rays;
+            let vertices = [&sheared[a], &sheared[b], &sheared[c]];
+            let may_hit = may_contain_origin(isa, vertices.map(|vertex| &vertex.projected)) & rays;
+            masks[slot] = self.shears.starting_before(isa, vertices, may_hit);
             members |= u32::from(masks[slot] != 0) << slot;
         }
         // Intersect the remaining triangles
@@ -262,93 +297,183 @@ impl PacketRays {
             let slot = slot % PACK;
             let ([a, b, c], number) = (block.triangle(slot), block.numbers[slot]);
             let vertices = [&sheared[a], &sheared[b], &sheared[c]];
-            let active = masks[slot] & self.active;
-            // Leave out triangles behind all rays, before the division
-            let active = self.shears.starting_before(isa, vertices, active);
-            if active == 0 {
-                continue;
-            }
             let corners = [block.vertex(a), block.vertex(b), block.vertex(c)];
-            let interval = [&self.t_near, &self.t];
-            let hits = self
+            let active = hits.traced(masks[slot], query);
+            let interval = [&self.t_near, &hits.t.to_array()];
+            let found = self
                 .shears
                 .intersect_sheared(isa, vertices, corners, active, interval);
-            // Keep the nearest hits, or retire the rays that are blocked
-            match query {
-                Query::Nearest => self.keep_nearest(&hits, number),
-                Query::Any => self.active &= !hits.mask,
-            }
+            hits = match query {
+                Query::Nearest => hits.with_nearest(&found, number),
+                Query::Any => SmallTreeHits {
+                    mask: hits.mask | found.mask,
+                    ..hits
+                },
+            };
+        }
+        hits
+    }
+}
+
+/// Nearest hits of the rays so far, in registers; if any hits are looked for, their mask alone.
+#[derive(Clone, Copy)]
+struct SmallTreeHits<W: WideLevel<N>, const N: usize> {
+    /// Parameters of the hits, or of the rays' ends.
+    t: Floats<W, N>,
+    /// Barycentric weights of the hits times their determinants.
+    weights: [Floats<W, N>; 2],
+    det: Floats<W, N>,
+    /// Numbers of the triangles, as the bits of an f32; [`NO_NUMBER`] for none.
+    numbers: Floats<W, N>,
+    /// Mask of the rays with a hit.
+    mask: u32,
+}
+
+impl<W: WideLevel<N>, const N: usize> SmallTreeHits<W, N> {
+    #[inline(always)]
+    fn none(wide: W, t_far: &[f32; N]) -> SmallTreeHits<W, N> {
+        SmallTreeHits {
+            t: Floats::load(wide, t_far),
+            weights: [Floats::splat(wide, 0.0); 2],
+            det: Floats::splat(wide, 1.0),
+            numbers: Floats::splat(wide, f32::from_bits(NO_NUMBER)),
+            mask: 0,
         }
     }
 
-    /// Keeps hits that are nearer than the others of their rays, of equals that of the lowest number.
+    /// Returns the rays of a mask that are still traced.
     #[inline(always)]
-    fn keep_nearest(&mut self, hits: &HitLanes<LANES>, number: u32) {
-        for lane in 0..LANES {
-            // Compare it with the hit so far
-            let is_hit = hits.mask >> lane & 1 != 0;
-            let is_nearer = hits.t[lane] < self.t[lane];
-            let is_lower = (hits.t[lane] == self.t[lane]) & (number < self.numbers[lane]);
-            let is_taken = is_hit & (is_nearer | is_lower);
-            // Replace it, with weights that are not yet divided
-            self.t[lane] = if is_taken { hits.t[lane] } else { self.t[lane] };
-            self.det[lane] = if is_taken { hits.det[lane] } else { self.det[lane] };
-            for i in 0..2 {
-                let (new, old) = (hits.weights[i][lane], self.weights[i][lane]);
-                self.weights[i][lane] = if is_taken { new } else { old };
-            }
-            self.numbers[lane] = if is_taken { number } else { self.numbers[lane] };
+    fn traced(&self, rays: u32, query: Query) -> u32 {
+        match query {
+            Query::Nearest => rays,
+            Query::Any => rays & !self.mask,
         }
     }
 
-    /// Writes the results into the packet.
+    /// Replaces hits by those on a triangle that are nearer; of equally near ones the triangle of the lowest number stays.
     #[inline(always)]
-    fn write(&self, packet: &mut RayPacket, query: Query) {
-        for lane in 0..LANES {
-            if packet.active[lane] == 0 {
-                continue;
-            }
-            match query {
-                Query::Any if self.active >> lane & 1 == 0 => packet.set_blocked(lane),
-                Query::Nearest if self.numbers[lane] != NO_NUMBER => packet.set_hit(
-                    lane,
-                    &Hit {
-                        instance: 0,
-                        primitive: self.numbers[lane],
-                        t: self.t[lane],
-                        u: self.weights[0][lane] / self.det[lane],
-                        v: self.weights[1][lane] / self.det[lane],
-                    },
-                ),
-                _ => {}
+    fn with_nearest(self, found: &HitLanes<N>, number: u32) -> SmallTreeHits<W, N> {
+        // Compare the parameters, then the numbers where those are equal
+        let wide = self.t.level();
+        let t = Floats::load(wide, &found.t);
+        let mut taken = t.lt(self.t).bits() & found.mask;
+        let ties = found.mask & !taken;
+        if ties != 0 {
+            let numbers = self.numbers.to_array();
+            for lane in lanes(ties) {
+                taken |= u32::from(number < numbers[lane % N].to_bits()) << lane;
             }
         }
+        // Take the weights without their division
+        let is_taken = LaneMask::of_bits(wide, taken);
+        let [v, w] = [
+            Floats::load(wide, &found.weights[0]),
+            Floats::load(wide, &found.weights[1]),
+        ];
+        SmallTreeHits {
+            t: is_taken.select(t, self.t),
+            weights: [
+                is_taken.select(v, self.weights[0]),
+                is_taken.select(w, self.weights[1]),
+            ],
+            det: is_taken.select(Floats::load(wide, &found.det), self.det),
+            numbers: is_taken.select(Floats::splat(wide, f32::from_bits(number)), self.numbers),
+            mask: self.mask | taken,
+        }
     }
+
+    /// Writes the hits into that part of a packet.
+    #[inline(always)]
+    fn write(&self, packet: &mut RayPacket, part: usize, query: Query) {
+        let wide = self.t.level();
+        let is_hit = LaneMask::of_bits(wide, self.mask);
+        if query == Query::Any {
+            write_lanes(
+                is_hit,
+                &mut packet.t_far,
+                part,
+                Floats::splat(wide, f32::NEG_INFINITY),
+            );
+            return;
+        }
+        write_lanes(is_hit, &mut packet.t_far, part, self.t);
+        write_lanes(is_hit, &mut packet.u, part, self.weights[0] / self.det);
+        write_lanes(is_hit, &mut packet.v, part, self.weights[1] / self.det);
+        write_lanes(
+            is_hit,
+            bytemuck::cast_mut(&mut packet.primitive),
+            part,
+            self.numbers,
+        );
+        write_lanes(
+            is_hit,
+            bytemuck::cast_mut(&mut packet.instance),
+            part,
+            Floats::splat(wide, 0.0),
+        );
+    }
+}
+
+/// Replaces lanes of that part of a packet.
+#[inline(always)]
+fn write_lanes<W: WideLevel<N>, const N: usize>(
+    mask: LaneMask<W, N>,
+    row: &mut Lanes<f32>,
+    part: usize,
+    values: Floats<W, N>,
+) {
+    let lanes = &mut row.as_chunks_mut::<N>().0[part];
+    *lanes = mask
+        .select(values, Floats::load(values.level(), lanes))
+        .to_array();
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::accel::Hit;
     use crate::accel::native::build::build_tree;
     use crate::accel::native::testing::random_packets;
     use crate::mesh::bumpy_sphere;
     use crate::mesh::simd::{Scalar, dispatch};
 
-    /// Kernel that traces all packets as such, whatever the instruction set and their numbers of rays.
-    struct Together<'a>((TreeView<'a>, &'a SmallTree), Vec<RayPacket>, Query);
+    /// Kernel that traces all packets as such, whatever the instruction set and their numbers of rays: sixteen rays
+    /// together, or eight.
+    struct Together<'a> {
+        tree: (TreeView<'a>, &'a SmallTree),
+        packets: Vec<RayPacket>,
+        query: Query,
+        sixteen: bool,
+    }
 
     impl SimdKernel for Together<'_> {
         type Output = Vec<RayPacket>;
 
         #[inline(always)]
-        fn run<I: SimdLevel>(self, isa: I) -> Vec<RayPacket> {
-            let Together(tree, mut packets, query) = self;
-            let mut memory = TraversalMemory::new();
-            for packet in &mut packets {
-                let active = packet.active_mask();
-                trace_together(isa, tree, packet, active, query, &mut memory);
+        fn run<I: SimdLevel>(mut self, isa: I) -> Vec<RayPacket> {
+            let (mut sixteen, mut eight) = (TraversalMemory::new(), TraversalMemory::new());
+            for packet in &mut self.packets {
+                if self.sixteen {
+                    let wide = isa.sixteen();
+                    trace_together(
+                        SimdLevels { isa, wide },
+                        self.tree,
+                        packet,
+                        self.query,
+                        &mut sixteen,
+                    );
+                } else {
+                    let wide = isa.eight();
+                    trace_together(
+                        SimdLevels { isa, wide },
+                        self.tree,
+                        packet,
+                        self.query,
+                        &mut eight,
+                    );
+                }
             }
-            packets
+            self.packets
         }
     }
 
@@ -369,11 +494,20 @@ mod tests {
         let mut chosen = [rays.clone(), rays.clone()];
         trace(tree.view(), &small, &mut chosen[0], Query::Nearest);
         trace(tree.view(), &small, &mut chosen[1], Query::Any);
-        let together = |query| Together((tree.view(), &small), rays.clone(), query);
+        let together = |sixteen, query| Together {
+            tree: (tree.view(), &small),
+            packets: rays.clone(),
+            query,
+            sixteen,
+        };
+        let both = |trace: &dyn Fn(Query) -> Vec<RayPacket>| [trace(Query::Nearest), trace(Query::Any)];
         for [found, blocked] in [
-            [Query::Nearest, Query::Any].map(|query| together(query).run(Scalar)),
-            [Query::Nearest, Query::Any].map(|query| dispatch(together(query))),
-            [Query::Nearest, Query::Any].map(|query| dispatch_sixteen(together(query))),
+            both(&|query| together(true, query).run(Scalar)),
+            both(&|query| together(false, query).run(Scalar)),
+            both(&|query| dispatch(together(true, query))),
+            both(&|query| dispatch(together(false, query))),
+            both(&|query| dispatch_sixteen(together(true, query))),
+            both(&|query| dispatch_sixteen(together(false, query))),
             chosen,
         ] {
             // Compare the bits

@@ -157,6 +157,12 @@ impl<W: WideLevel<N>, const N: usize> Floats<W, N> {
         LaneMask { level, mask }
     }
 
+    /// Returns the level of the register.
+    #[inline(always)]
+    pub fn level(self) -> W {
+        self.level
+    }
+
     /// Returns the values of an array.
     #[inline(always)]
     pub fn load(level: W, values: &[f32; N]) -> Self {

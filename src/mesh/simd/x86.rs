@@ -36,6 +36,7 @@ fn compare<const OP: i32, const N: usize>(isa: V3, a: &[f32; N], b: &[f32; N]) -
 }
 
 impl SimdLevel for V3 {
+    const HAS_EIGHT: bool = true;
     type Eight = V3;
     type Sixteen = RegisterPair<V3>;
 
@@ -159,6 +160,7 @@ fn compare_sixteen<const OP: i32, const N: usize>(isa: V4, a: &[f32; N], b: &[f3
 }
 
 impl SimdLevel for V4 {
+    const HAS_EIGHT: bool = true;
     const HAS_SIXTEEN: bool = true;
     type Eight = V3;
     type Sixteen = V4;

@@ -126,21 +126,26 @@ impl ShadingState<'_, '_> {
         let survives = survive(&mut weights.weight, &probability, &roulette);
         let depths = path_states.depths();
         let (mut continued, mut count) = ([0; LANES], 0);
-        for l in (0..LANES).filter(|&l| weights.largest[l] > 0.0) {
-            let is_within =
-                before[l] < self.frame.max_bounces && depths[l] - before[l] <= self.frame.settings.depth;
-            if !is_within {
-                self.lose_path(traced.pixel[l], weights.largest[l]);
-            } else if survives[l] {
-                continued[count] = l as u8;
-                count += 1;
-            }
+        let mut lost = 0u32;
+        for l in 0..LANES {
+            let is_within = (before[l] < self.frame.max_bounces)
+                & (depths[l].wrapping_sub(before[l]) <= self.frame.settings.depth);
+            let is_sent = weights.largest[l] > 0.0;
+            lost |= u32::from(is_sent & !is_within) << l;
+            // Write each lane without a branch, which chance would decide; the next overwrites what is not counted
+            continued[count % LANES] = l as u8;
+            count += usize::from(is_sent & is_within & survives[l]);
+        }
+        for l in (0..LANES).filter(|l| lost >> l & 1 != 0) {
+            self.lose_path(traced.pixel[l], weights.largest[l]);
         }
         // Start behind surfaces that transmit the rays
         let mut origin = points.origin;
-        for l in (0..LANES).filter(|&l| sides.signs[l] < 0.0) {
-            let behind = points.leave(l, -points.geometric_normal(l));
-            (0..3).for_each(|axis| origin[axis][l] = behind[axis]);
+        if materials.effects.has(Effect::Translucency) {
+            for l in (0..LANES).filter(|&l| sides.signs[l] < 0.0) {
+                let behind = points.leave(l, -points.geometric_normal(l));
+                (0..3).for_each(|axis| origin[axis][l] = behind[axis]);
+            }
         }
         // Queue the rays with their path states
         let continued = &continued[..count];

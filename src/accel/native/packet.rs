@@ -152,7 +152,7 @@ impl<const N: usize> TraversalMemory<N> {
     }
 }
 
-/// Rays with precomputed data, and their nearest hits.
+/// Rays of a part of a packet, with precomputed data.
 #[repr(C, align(64))]
 struct PacketRays<const N: usize> {
     origin: [[f32; N]; 3],

@@ -231,7 +231,7 @@ impl<const N: usize> PacketRays<N> {
             }
             // Intersect the triangles of a leaf, or the boxes of a node
             if child.is_leaf() {
-                hits = self.intersect_block(isa, (small.block(child), vertices), rays, query, hits);
+                hits = self.intersect_block(isa.isa, (small.block(child), vertices), rays, query, hits);
                 continue;
             }
             let node = &tree.nodes[child.index()];
@@ -274,7 +274,7 @@ impl<const N: usize> PacketRays<N> {
     #[inline(always)]
     fn intersect_block<W: WideLevel<N>>(
         &self,
-        SimdLevels { isa, .. }: SimdLevels<impl SimdLevel, W>,
+        isa: impl SimdLevel,
         (block, sheared): (&IndexedBlock, &mut [ShearedVertex<N>; MAX_VERTICES]),
         rays: u32,
         query: Query,
@@ -437,8 +437,7 @@ mod tests {
     use crate::mesh::bumpy_sphere;
     use crate::mesh::simd::{Scalar, dispatch};
 
-    /// Kernel that traces all packets as such, whatever the instruction set and their numbers of rays: sixteen rays
-    /// together, or eight.
+    /// Kernel that traces sixteen rays of a packet together, or eight, whatever the instruction set and their number.
     struct Together<'a> {
         tree: (TreeView<'a>, &'a SmallTree),
         packets: Vec<RayPacket>,

@@ -112,6 +112,19 @@ impl RayPacket {
         self.active[lane] = ACTIVE;
     }
 
+    /// Makes lane `lane`, which has no hit, an active ray from `origin` on.
+    #[inline(always)]
+    pub(crate) fn begin_ray(&mut self, lane: usize, [origin, direction]: [[f32; 3]; 2], time: f32) {
+        for axis in 0..3 {
+            self.origin[axis][lane] = origin[axis];
+            self.direction[axis][lane] = direction[axis];
+        }
+        self.t_near[lane] = 0.0;
+        self.t_far[lane] = f32::INFINITY;
+        self.time[lane] = time;
+        self.active[lane] = ACTIVE;
+    }
+
     /// Returns the ray of lane `lane`; after a query its `t_far` is that of the result.
     #[inline(always)]
     pub fn ray(&self, lane: usize) -> Ray {

@@ -50,20 +50,20 @@ fn invert_few(sums: &[f64], u: &Lanes<f64>, steps: &mut ChosenSteps) {
     }
     let total = sums[last];
     let (mut before, mut sum) = ([0.0; LANES], [sums[0]; LANES]);
-    for step in 0..last {
+    // Indices as wide as the sums, so that one comparison selects both
+    let mut index = [0u64; LANES];
+    for (step, ends) in sums[..=last].windows(2).enumerate() {
         // Go on from steps that end at or before the target
+        let (end, next_end) = (ends[0], ends[1]);
         for l in 0..LANES {
-            let is_beyond = sums[step] <= u[l] * total;
-            steps.index[l] = if is_beyond {
-                step as u32 + 1
-            } else {
-                steps.index[l]
-            };
-            before[l] = if is_beyond { sums[step] } else { before[l] };
-            sum[l] = if is_beyond { sums[step + 1] } else { sum[l] };
+            let is_beyond = end <= u[l] * total;
+            index[l] = if is_beyond { step as u64 + 1 } else { index[l] };
+            before[l] = if is_beyond { end } else { before[l] };
+            sum[l] = if is_beyond { next_end } else { sum[l] };
         }
     }
     for l in 0..LANES {
+        steps.index[l] = index[l] as u32;
         steps.within[l] = ((u[l] * total - before[l]) / (sum[l] - before[l])).clamp(0.0, 1.0);
     }
 }

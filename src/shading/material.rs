@@ -145,7 +145,7 @@ impl MaterialPacket {
     /// Sets every lane; `BASIC` skips the optional effects at compile time.
     #[inline(always)]
     fn fill_of<const BASIC: bool>(&mut self, material: &Material) {
-        let factors = Factors::of(material);
+        let factors = Factors::of(material, self.effects);
         for l in 0..LANES {
             self.set_basic::<BASIC>(l, &factors);
         }
@@ -189,11 +189,18 @@ impl MaterialPacket {
     /// packet's effects.
     #[inline(always)]
     fn set_of<const BASIC: bool>(&mut self, l: usize, material: &Material) {
-        let factors = Factors::of(material);
+        let factors = Factors::of(material, self.effects);
         self.set_basic::<BASIC>(l, &factors);
         if !BASIC && self.effects.needs_full_material() {
             self.set_extended(l, &factors);
         }
+    }
+
+    /// Returns whether any lane may emit light; also true for lanes that a former packet has left.
+    #[inline(always)]
+    pub fn may_emit(&self) -> bool {
+        let emission = self.emission.as_flattened();
+        emission.iter().fold(0, |bits, value| bits | value.to_bits()) != 0
     }
 
     /// Returns whether the surface in lane `l` transmits light.
@@ -247,11 +254,7 @@ impl MaterialPacket {
         };
         self.metallic[l] = factors.model.metallic;
         self.roughness[l] = factors.model.roughness;
-        self.f0[l] = if !BASIC && self.effects.has(Effect::Specular) {
-            factors.f0
-        } else {
-            DEFAULT_F0
-        };
+        self.f0[l] = if BASIC { DEFAULT_F0 } else { factors.f0 };
     }
 
     /// Returns the coverage of a surface of `material` whose base colour has the alpha value `alpha`.
@@ -270,11 +273,11 @@ impl MaterialPacket {
         // Set the parameters that have one value per lane
         let is_specular = factors.is_phong || self.effects.has(Effect::Specular);
         let same_side_diffuse = self.same_side_fraction(factors);
+        let has_translucency = self.effects.has(Effect::Translucency);
         let extended = &mut self.extended;
+        let was_phong = extended.is_phong[l];
         extended.same_side_diffuse[l] = same_side_diffuse;
         extended.specular[l] = if is_specular { factors.model.specular } else { 1.0 };
-        extended.is_phong[l] = factors.is_phong;
-        extended.exponent[l] = factors.phong.exponent;
         extended.occlusion[l] = 1.0;
         extended.rough_rays[l] = factors.model.rough_rays;
         if self.effects.has(Effect::Anisotropy) {
@@ -298,14 +301,20 @@ impl MaterialPacket {
                 1.0
             };
             extended.transmission[channel][l] = factors.transmission[channel];
-            extended.ambient[channel][l] = factors.phong.ambient[channel];
-            extended.diffuse[channel][l] = factors.phong.diffuse[channel];
-            extended.reflection[channel][l] = factors.phong.reflection[channel];
-            extended.translucency[channel][l] = if self.effects.has(Effect::Translucency) {
-                factors.translucency[channel]
-            } else {
-                0.0
-            };
+            // Without the effect all lanes stay neutral
+            if has_translucency {
+                extended.translucency[channel][l] = factors.translucency[channel];
+            }
+        }
+        // Set the parameters of the Phong model, which are neutral in lanes that have not had it
+        if factors.is_phong | was_phong {
+            extended.is_phong[l] = factors.is_phong;
+            extended.exponent[l] = factors.phong.exponent;
+            for channel in 0..3 {
+                extended.ambient[channel][l] = factors.phong.ambient[channel];
+                extended.diffuse[channel][l] = factors.phong.diffuse[channel];
+                extended.reflection[channel][l] = factors.phong.reflection[channel];
+            }
         }
     }
 
@@ -314,10 +323,8 @@ impl MaterialPacket {
     fn same_side_fraction(&self, factors: &Factors) -> f32 {
         if self.effects.has(Effect::Subsurface) && factors.material.scatters().is_some() {
             0.0
-        } else if self.effects.has(Effect::Translucency) {
-            factors.same_side_diffuse
         } else {
-            1.0
+            factors.same_side_diffuse
         }
     }
 }
@@ -325,8 +332,8 @@ impl MaterialPacket {
 /// Factors of a material in one form for both shading models.
 struct Factors<'m> {
     material: &'m Material,
-    model: MetallicRoughness,
-    phong: Phong,
+    model: &'m MetallicRoughness,
+    phong: &'m Phong,
     is_phong: bool,
     f0: f32,
     emission: [f32; 3],
@@ -344,23 +351,31 @@ const UNLIT_PHONG: Phong = Phong {
 };
 
 impl<'m> Factors<'m> {
-    fn of(material: &'m Material) -> Factors<'m> {
+    /// Returns the factors of `material`, neutral for `effects` that are off.
+    #[inline(always)]
+    fn of(material: &'m Material, effects: EffectSet) -> Factors<'m> {
         // Fill in the model that the material does not use with neutral values
-        let (model, phong, is_phong) = match material.model {
-            Model::MetallicRoughness(model) => (model, UNLIT_PHONG, false),
-            Model::Phong(phong) => (MetallicRoughness::DEFAULT, phong, true),
-            Model::Unlit => (MetallicRoughness::DEFAULT, UNLIT_PHONG, true),
+        let (model, phong, is_phong) = match &material.model {
+            Model::MetallicRoughness(model) => (model, &UNLIT_PHONG, false),
+            Model::Phong(phong) => (&MetallicRoughness::DEFAULT, phong, true),
+            Model::Unlit => (&MetallicRoughness::DEFAULT, &UNLIT_PHONG, true),
         };
         // Split the diffuse light between the two sides of a thin surface
-        let diffuse_transmission = material.translucent().map(Translucency::diffuse_transmission);
+        let thin = match effects.has(Effect::Translucency) {
+            true => material.translucent(),
+            false => None,
+        };
+        let diffuse_transmission = thin.map(Translucency::diffuse_transmission);
         Factors {
             material,
             model,
             phong,
             is_phong,
             f0: match &material.interior {
-                None => DEFAULT_F0,
-                Some(interior) => f0_of(interior.ior.ior(crate::optics::LINE_D)),
+                Some(interior) if effects.has(Effect::Specular) => {
+                    f0_of(interior.ior.ior(crate::optics::LINE_D))
+                }
+                _ => DEFAULT_F0,
             },
             emission: match material.model {
                 Model::Unlit => [0, 1, 2].map(|channel| material.base_color[channel]),

@@ -12,9 +12,9 @@ use crate::mesh::triangle::{
 };
 use crate::numeric::{Lanes, Lanes3};
 
-use super::layout::{ChildLink, NO_NUMBER, NativeNode, STACK, TreeView, WIDTH};
+use super::layout::{ChildLink, NO_NUMBER, NativeNode, TreeView, WIDTH};
 use super::single;
-use super::small_tree::{IndexedBlock, MAX_VERTICES, SmallTree};
+use super::small_tree::{IndexedBlock, MAX_BLOCKS, MAX_VERTICES, SmallTree};
 
 /// Least number of active lanes of a packet whose rays are traced together: of eight or sixteen rays through 40 triangles
 /// packets take 0.7 of the time of single rays with AVX2, of four 1.05 (`cargo bench --bench timing -- small_trees`).
@@ -137,7 +137,8 @@ impl WaitingChild {
 
 /// Working memory of a traversal.
 struct TraversalMemory<const N: usize> {
-    stack: [WaitingChild; STACK],
+    /// No more wait than there are leaves, as each has some of its own.
+    stack: [WaitingChild; MAX_BLOCKS],
     /// Vertices of a leaf in the frames of the rays.
     vertices: [ShearedVertex<N>; MAX_VERTICES],
 }
@@ -146,7 +147,7 @@ impl<const N: usize> TraversalMemory<N> {
     #[inline(always)]
     fn new() -> TraversalMemory<N> {
         TraversalMemory {
-            stack: [WaitingChild::NONE; STACK],
+            stack: [WaitingChild::NONE; MAX_BLOCKS],
             vertices: [ShearedVertex::ZERO; MAX_VERTICES],
         }
     }
@@ -224,7 +225,7 @@ impl<const N: usize> PacketRays<N> {
         while count > 0 {
             // Skip what no ray enters that is still traced
             count -= 1;
-            let WaitingChild { child, rays } = stack[count];
+            let WaitingChild { child, rays } = stack[count % MAX_BLOCKS];
             let rays = hits.traced(rays, query);
             if rays == 0 {
                 continue;
@@ -242,7 +243,7 @@ impl<const N: usize> PacketRays<N> {
                 }
                 let rays = self.entering(node, slot, hits.t) & rays;
                 if rays != 0 {
-                    stack[count % STACK] = WaitingChild { child, rays };
+                    stack[count % MAX_BLOCKS] = WaitingChild { child, rays };
                     count += 1;
                 }
             }
@@ -295,10 +296,13 @@ impl<const N: usize> PacketRays<N> {
         // Intersect the remaining triangles
         for slot in lanes(members) {
             let slot = slot % PACK;
+            let active = hits.traced(masks[slot], query);
+            if active == 0 {
+                continue;
+            }
             let ([a, b, c], number) = (block.triangle(slot), block.numbers[slot]);
             let vertices = [&sheared[a], &sheared[b], &sheared[c]];
-            let corners = [block.vertex(a), block.vertex(b), block.vertex(c)];
-            let active = hits.traced(masks[slot], query);
+            let corners = || [block.vertex(a), block.vertex(b), block.vertex(c)];
             let interval = [&self.t_near, &hits.t.to_array()];
             let found = self
                 .shears

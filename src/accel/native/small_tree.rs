@@ -7,7 +7,7 @@ use super::layout::{ChildLink, GroupTree, LeafBlock, NO_NUMBER};
 /// Greatest number of leaves of a tree that packets traverse. Through trees of 20 to 80 triangles they take 0.5 to 0.6 of the
 /// time of single rays with AVX-512, 0.6 to 0.75 with AVX2; of 160 triangles 0.8 and 0.9, of 320 triangles 0.8 and 1.0
 /// (`cargo bench --bench timing -- small_trees`).
-const MAX_BLOCKS: usize = 64;
+pub(super) const MAX_BLOCKS: usize = 64;
 /// Number of places for the vertices of a leaf, which has at most 24: a power of two, so that a mask bounds their indices.
 pub(super) const MAX_VERTICES: usize = (3 * PACK).next_power_of_two();
 

@@ -135,13 +135,13 @@ impl<const N: usize, A: LaneAxes<N>> ShearLanes<N, A> {
 
     /// Intersects a triangle with the rays of the mask `active`, all of which [may contain](may_contain_origin) it,
     /// each with the result of [`Shear::intersect`]. `sheared` are its vertices as transformed by [`ShearLanes::sheared`] from
-    /// `corners`; the interval is given by the smallest and largest parameters.
+    /// `corners`, which few rays need; the interval is given by the smallest and largest parameters.
     #[inline(always)]
     pub(crate) fn intersect_sheared(
         &self,
         isa: impl SimdLevel,
         [a, b, c]: [&ShearedVertex<N>; 3],
-        corners: [[f32; 3]; 3],
+        corners: impl FnOnce() -> [[f32; 3]; 3],
         active: u32,
         [t_near, t_far]: [&[f32; N]; 2],
     ) -> HitLanes<N> {
@@ -189,9 +189,10 @@ impl<const N: usize, A: LaneAxes<N>> ShearLanes<N, A> {
         &self,
         hit_lanes: &mut HitLanes<N>,
         undecided: u32,
-        corners: [[f32; 3]; 3],
+        corners: impl FnOnce() -> [[f32; 3]; 3],
         [t_near, t_far]: [&[f32; N]; 2],
     ) {
+        let corners = corners();
         for lane in lanes(undecided) {
             let lane = lane % N;
             let hit = self.lane(lane).intersect(corners, t_near[lane], t_far[lane]);
@@ -278,7 +279,7 @@ mod tests {
         let active = may_contain_origin(isa, [&a.projected, &b.projected, &c.projected]);
         let interval = [&rays.map(|r| r.t_near), &rays.map(|r| r.t_far)];
         let kept = shears.starting_before(isa, [a, b, c], active);
-        let hit_lanes = shears.intersect_sheared(isa, [a, b, c], corners, active, interval);
+        let hit_lanes = shears.intersect_sheared(isa, [a, b, c], || corners, active, interval);
         assert_eq!(hit_lanes.mask & !kept, 0);
         // Divide the weights by the determinant
         std::array::from_fn(|lane| {

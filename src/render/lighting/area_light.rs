@@ -205,8 +205,9 @@ impl ShadingState<'_, '_> {
         traced: &TracedPacket,
         draw: SampleIndex,
     ) -> [Lanes<f64>; 2] {
-        let samples =
-            std::array::from_fn(|l| traced.path_states.map_or(0, |path_states| path_states.sample(l)));
+        let samples = traced
+            .path_states
+            .map_or([0; LANES], |path_states| path_states.samples());
         draw.number_packet(self.corner, traced.pixel, &samples, &self.frame.settings)
     }
 

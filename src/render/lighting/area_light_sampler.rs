@@ -6,12 +6,12 @@
 //! a ray which leaves the surface there ([`ShadowRayEnds`]) and that of a traversal over the length of the shadow
 //! ray. A convex emissive object thus never occludes its own points, and a concave one does so where it should.
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
-use super::emissive_mesh::sample_emissive_mesh;
+use super::emissive_mesh::{sample_emissive_mesh, triangle_errors};
 use super::shadow_ray_end::ShadowRayEnds;
 use crate::mesh::Mesh;
-use crate::numeric::{Lanes, Lanes3, triangle_spawn_error};
+use crate::numeric::{HitErrorBound, Lanes, Lanes3};
 use crate::scene::{
     AreaShape, Effect, EffectSet, Geometry, Instance, LightKind, LightSamplePacket, LightView, MaterialInput,
     Scene, SurfacePoint, TextureBinding,
@@ -31,6 +31,9 @@ struct EmissiveObject<'s> {
     instance: &'s Instance,
     /// Texture of the emission, if there is one and textures are simulated.
     texture: Option<&'s TextureBinding>,
+    /// Bounds on the rounding errors of rays that leave each triangle of a mesh, along each axis of object space; 12 bytes
+    /// each.
+    triangle_errors: Vec<Vec3>,
 }
 
 /// Sampled point of an area light, for one shaded point.
@@ -181,9 +184,10 @@ impl<'s> AreaLightSampler<'s> {
     /// emissive mesh without a texture.
     pub(super) fn sample_mesh(&self, p: &Lanes3<f32>, u: &[Lanes<f64>; 2]) -> Option<LightSamplePacket> {
         let object = self.emissive_object.as_ref()?;
-        match (&self.shape, object.geometry) {
-            (AreaLight::Mesh(light), Geometry::Mesh(mesh)) if object.texture.is_none() => {
-                Some(sample_emissive_mesh(light, (mesh, object.instance), (p, u)))
+        match &self.shape {
+            AreaLight::Mesh(light) if object.texture.is_none() => {
+                let surface = (&*object.triangle_errors, object.instance);
+                Some(sample_emissive_mesh(light, surface, (p, u)))
             }
             _ => None,
         }
@@ -228,8 +232,13 @@ impl<'s> AreaLightSampler<'s> {
 impl<'s> EmissiveObject<'s> {
     fn of(scene: &'s Scene, instance: &'s Instance, effects: EffectSet) -> EmissiveObject<'s> {
         let material = &scene.materials[instance.material as usize];
+        let geometry = &scene.geometries[instance.geometry as usize];
         EmissiveObject {
-            geometry: &scene.geometries[instance.geometry as usize],
+            geometry,
+            triangle_errors: match geometry {
+                Geometry::Mesh(mesh) => triangle_errors(mesh),
+                Geometry::Shape(_) | Geometry::Points(_) => Vec::new(),
+            },
             instance,
             texture: material
                 .layer(MaterialInput::Emission)
@@ -242,10 +251,7 @@ impl<'s> EmissiveObject<'s> {
     fn end(&self, sample: &LightSample, p_object: DVec3) -> DVec3 {
         // Bound the error of rays that leave the surface
         let on_surface = match self.geometry {
-            Geometry::Mesh(mesh) => {
-                let [a, b, c] = mesh.corners(sample.primitive);
-                triangle_spawn_error(a, b - a, c - a)
-            }
+            Geometry::Mesh(_) => HitErrorBound(self.triangle_errors[sample.primitive as usize].as_dvec3()),
             Geometry::Shape(shape) => shape.point(p_object, sample.primitive).error,
             Geometry::Points(cloud) => cloud.shape(sample.primitive).point(p_object, 0).error,
         };

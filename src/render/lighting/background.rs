@@ -17,6 +17,13 @@ use crate::scene::{Background, Effect};
 use crate::shading::EnvironmentMap;
 
 impl RenderContext<'_> {
+    /// Returns whether rays that miss the scene find any light.
+    #[inline(always)]
+    pub(in crate::render) fn has_background(&self) -> bool {
+        let is_black = self.background == Background::default();
+        !is_black || self.ambient != [0.0; 3]
+    }
+
     /// Returns the background radiance in the directions of the rays of a packet.
     pub(in crate::render) fn background_along(&self, traced: &TracedPacket, stage: BatchInfo) -> Lanes3<f32> {
         let mut seen = self.scene_background_along(traced, stage);

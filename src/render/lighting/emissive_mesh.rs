@@ -9,38 +9,44 @@ use crate::numeric::{LANES, Lanes, Lanes3, triangle_spawn_bound, warp};
 use crate::scene::{Instance, LightSamplePacket};
 use crate::shading::MeshLight;
 
-/// Triangles of a mesh light that sixteen points have chosen.
+/// Triangles of a mesh light that sixteen points have chosen, with what [`MeshLight`] knows of each.
 struct ChosenTriangles {
-    /// Corners in world space.
-    corners: [Lanes3<f64>; 3],
-    /// Corners in object space.
-    in_object: [Lanes3<f32>; 3],
+    corner: Lanes3<f64>,
+    edges: [Lanes3<f64>; 2],
+    normal: Lanes3<f64>,
+    /// Bounds on the rounding errors of points on them, along each axis of object space.
+    errors: Lanes3<f32>,
     /// Random pairs for the points on the triangles.
     u: [Lanes<f64>; 2],
 }
 
 /// Samples the points of an emissive mesh that `u` selects for the points `p`: each as
-/// [`super::AreaLightSampler::sample`] does, with the same bits. Positions are the ends of the shadow rays.
+/// [`super::AreaLightSampler::sample`] does, with the same bits. Positions are the ends of the shadow rays. `errors` are the
+/// bounds of [`triangle_errors`].
 pub(super) fn sample_emissive_mesh(
     light: &MeshLight,
-    (mesh, instance): (&Mesh, &Instance),
+    (errors, instance): (&[Vec3], &Instance),
     (p, u): (&Lanes3<f32>, &[Lanes<f64>; 2]),
 ) -> LightSamplePacket {
-    // Choose a triangle for each point by inverting the cumulative area, and fetch its corners
+    // Choose a triangle for each point by inverting the cumulative area
     let steps = light.choose_packet(&u[0]);
     let mut chosen = ChosenTriangles {
-        corners: [[[0.0; LANES]; 3]; 3],
-        in_object: [[[0.0; LANES]; 3]; 3],
+        corner: [[0.0; LANES]; 3],
+        edges: [[[0.0; LANES]; 3]; 2],
+        normal: [[0.0; LANES]; 3],
+        errors: [[0.0; LANES]; 3],
         u: [steps.within, u[1]],
     };
+    // Fetch the triangles
     for l in 0..LANES {
-        let triangle = steps.index[l];
-        let (corners, in_object) = (light.corners(triangle as usize), mesh.corners(triangle));
-        for corner in 0..3 {
-            for axis in 0..3 {
-                chosen.corners[corner][axis][l] = corners[corner][axis];
-                chosen.in_object[corner][axis][l] = in_object[corner][axis];
-            }
+        let index = steps.index[l] as usize;
+        let (triangle, error) = (light.triangle(index), errors[index]);
+        for axis in 0..3 {
+            chosen.corner[axis][l] = triangle.corner[axis];
+            chosen.edges[0][axis][l] = triangle.edges[0][axis];
+            chosen.edges[1][axis][l] = triangle.edges[1][axis];
+            chosen.normal[axis][l] = triangle.normal[axis];
+            chosen.errors[axis][l] = error[axis];
         }
     }
     // Sample the points
@@ -68,13 +74,10 @@ fn sample_triangles(
     for l in 0..LANES {
         // Sample a point uniformly on the triangle
         let shaded = DVec3::new(p[0][l].into(), p[1][l].into(), p[2][l].into());
-        let [a, b, c] = &chosen.corners;
-        let (a, b, c) = (lane(a, l), lane(b, l), lane(c, l));
-        let (e1, e2) = (b - a, c - a);
+        let [e1, e2] = &chosen.edges;
         let [to_b, to_c] = warp::triangle([chosen.u[0][l], chosen.u[1][l]]);
-        let position = a + to_b * e1 + to_c * e2;
-        let across = e1.cross(e2);
-        let normal = across / across.length();
+        let position = lane(&chosen.corner, l) + to_b * lane(e1, l) + to_c * lane(e2, l);
+        let normal = lane(&chosen.normal, l);
         // Convert the density per area into a density per solid angle
         let to_light = position - shaded;
         let squared = to_light.length_squared();
@@ -82,11 +85,9 @@ fn sample_triangles(
         let distance = squared.sqrt();
         let pdf = squared * distance / (approach.abs() * area);
         let direction = to_light / distance;
-        // Bound the rounding errors of rays that leave the triangle
-        let [v0, v1, v2] = &chosen.in_object;
-        let v0 = corner(v0, l);
-        let error = triangle_spawn_bound(v0, corner(v1, l) - v0, corner(v2, l) - v0).as_dvec3();
         // End the shadow ray off the surface, on the side that it comes from
+        let [x, y, z] = &chosen.errors;
+        let error = DVec3::new(x[l].into(), y[l].into(), z[l].into());
         let side = if direction.dot(normal) < 0.0 { 1.0 } else { -1.0 };
         let end = ends.end(position, normal * side, distance * direction, error);
         let is_sample = (pdf > 0.0) & (pdf < f64::INFINITY) & (distance > 0.0) & (distance < f64::INFINITY);
@@ -103,7 +104,11 @@ fn lane(vectors: &Lanes3<f64>, l: usize) -> DVec3 {
     DVec3::new(vectors[0][l], vectors[1][l], vectors[2][l])
 }
 
-#[inline(always)]
-fn corner(vectors: &Lanes3<f32>, l: usize) -> Vec3 {
-    Vec3::new(vectors[0][l], vectors[1][l], vectors[2][l])
+/// Returns bounds on the rounding errors of rays that leave each triangle of a mesh, along each axis of object space.
+pub(super) fn triangle_errors(mesh: &Mesh) -> Vec<Vec3> {
+    let error = |triangle| {
+        let [a, b, c] = mesh.corners(triangle);
+        triangle_spawn_bound(a, b - a, c - a)
+    };
+    (0..mesh.triangles.len() as u32).map(error).collect()
 }

@@ -51,7 +51,7 @@ impl RenderContext<'_> {
         surfaces: &mut Surfaces,
         stage: BatchInfo,
     ) {
-        let Some(states) = traced.path_states else {
+        let Some(states) = traced.path_states.filter(|_| surfaces.materials.may_emit()) else {
             return;
         };
         let is_hit = surfaces.points.hit;

@@ -122,22 +122,20 @@ impl ShadingState<'_, '_> {
             true => self.number_packet(traced, self.roulette_draw(Category::Interreflection))[0],
             false => [0.0; LANES],
         };
-        // Continue each path with its probability
-        let survives = survive(&mut weights.weight, &probability, &roulette);
-        let depths = path_states.depths();
+        // Continue each path with its probability, within the limits
+        let limits = [self.frame.max_bounces, self.frame.settings.depth];
+        let counts = [&before, &path_states.depths()];
+        let ends = continue_paths(&mut weights, (&probability, &roulette), counts, limits);
+        if ends.exceeds.contains(&true) {
+            for l in (0..LANES).filter(|&l| ends.exceeds[l]) {
+                self.lose_path(traced.pixel[l], weights.largest[l]);
+            }
+        }
         let (mut continued, mut count) = ([0; LANES], 0);
-        let mut lost = 0u32;
         for l in 0..LANES {
-            let is_within = (before[l] < self.frame.max_bounces)
-                & (depths[l].wrapping_sub(before[l]) <= self.frame.settings.depth);
-            let is_sent = weights.largest[l] > 0.0;
-            lost |= u32::from(is_sent & !is_within) << l;
             // Write each lane without a branch, which chance would decide; the next overwrites what is not counted
             continued[count % LANES] = l as u8;
-            count += usize::from(is_sent & is_within & survives[l]);
-        }
-        for l in (0..LANES).filter(|l| lost >> l & 1 != 0) {
-            self.lose_path(traced.pixel[l], weights.largest[l]);
+            count += usize::from(ends.continues[l]);
         }
         // Start behind surfaces that transmit the rays
         let mut origin = points.origin;
@@ -345,18 +343,39 @@ fn survival_probabilities(
     probability
 }
 
-/// Returns which paths continue, by the random numbers `roulette`, and divides all weights by the probabilities.
+/// What becomes of sixteen paths behind diffuse surfaces.
+struct PathEnds {
+    /// True for paths that continue.
+    continues: Lanes<bool>,
+    /// True for paths that end at their limits.
+    exceeds: Lanes<bool>,
+}
+
+/// Decides which paths continue: by the random numbers `roulette`, and with the numbers of bounces and of all steps so far
+/// within the `limits` of bounces and of other steps. Divides all weights by the probabilities.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
-fn survive(weight: &mut Lanes3<f32>, probability: &Lanes<f32>, roulette: &Lanes<f64>) -> Lanes<bool> {
-    let mut survives = [false; LANES];
+fn continue_paths(
+    weights: &mut BounceWeights,
+    (probability, roulette): (&Lanes<f32>, &Lanes<f64>),
+    [bounces, depths]: [&Lanes<u32>; 2],
+    limits: [u32; 2],
+) -> PathEnds {
+    let mut ends = PathEnds {
+        continues: [false; LANES],
+        exceeds: [false; LANES],
+    };
     for l in 0..LANES {
-        survives[l] = (probability[l] >= 1.0) | (roulette[l] < f64::from(probability[l]));
+        let is_sent = weights.largest[l] > 0.0;
+        let is_within = (bounces[l] < limits[0]) & (depths[l].wrapping_sub(bounces[l]) <= limits[1]);
+        let survives = (probability[l] >= 1.0) | (roulette[l] < f64::from(probability[l]));
+        ends.continues[l] = is_sent & is_within & survives;
+        ends.exceeds[l] = is_sent & !is_within;
         for channel in 0..3 {
-            weight[channel][l] /= probability[l];
+            weights.weight[channel][l] /= probability[l];
         }
     }
-    survives
+    ends
 }

@@ -194,30 +194,29 @@ impl PathStates {
         self.density.set(packet, l, travel.density);
     }
 
-    /// Sets free lanes to the states of `lanes` behind diffuse surfaces.
-    pub(in crate::render) fn set_bounced(
-        &mut self,
-        bounced: &BouncedStates,
-        free: &[FreeLane],
-        lanes: &[u8],
-    ) {
+    /// Sets free lanes, given by [`FreeLane::index`], to the states of `lanes` behind diffuse surfaces.
+    #[inline(always)]
+    pub(in crate::render) fn set_bounced(&mut self, bounced: &BouncedStates, free: &[usize], lanes: &[u8]) {
         let (arrival, places) = (bounced.arrival, LaneDestinations { free, lanes });
         let (before, from) = (arrival.path_states, arrival.packet);
         // Count the bounce
-        self.depth.fill(places, |l| arrival.depth(l) + 1);
-        self.bounces.fill(places, |l| arrival.bounces(l) + 1);
+        self.depth
+            .fill(places, || arrival.depths().map(|depth| depth + 1));
+        self.bounces
+            .fill(places, || arrival.bounce_counts().map(|bounces| bounces + 1));
         // Turn the path
         let [x, y, z] = bounced.direction;
-        self.direction.fill(places, |l| DVec3::new(x[l], y[l], z[l]));
-        self.cone.fill(places, |l| bounced.cone[l]);
-        self.density.fill(places, |_| 0.0);
+        self.direction
+            .fill(places, || std::array::from_fn(|l| DVec3::new(x[l], y[l], z[l])));
+        self.cone.fill(places, || *bounced.cone);
+        self.density.fill(places, || [0.0; LANES]);
         // Keep the rest
-        self.bent.fill(places, |l| before.bent.get(from, l, false));
-        self.wavelength.fill(places, |l| arrival.wavelength(l));
+        self.bent.fill(places, || before.bent.lanes(from, false));
+        self.wavelength.fill(places, || arrival.wavelengths());
         self.media.fill(places, &before.media, from);
-        self.sample.fill(places, |l| arrival.sample(l));
-        self.split.fill(places, |l| arrival.split(l));
-        self.time.fill(places, |l| arrival.time(l));
+        self.sample.fill(places, || arrival.samples());
+        self.split.fill(places, || arrival.splits());
+        self.time.fill(places, || arrival.times());
     }
 
     /// Sets the states of packet `packet`, whose paths have not begun, to those of camera rays.
@@ -319,18 +318,13 @@ impl PathStatePacket<'_> {
         self.path_states.depth.get(self.packet, l, 0)
     }
 
-    /// Returns the number of diffuse surfaces that lane `l` has left; 0 if paths do not count them.
-    pub(in crate::render) fn bounces(&self, l: usize) -> u32 {
-        self.path_states.bounces.get(self.packet, l, 0)
-    }
-
     /// Returns [`PathStatePacket::depth`] of all lanes.
     #[inline(always)]
     pub(in crate::render) fn depths(&self) -> Lanes<u32> {
         self.path_states.depth.lanes(self.packet, 0)
     }
 
-    /// Returns [`PathStatePacket::bounces`] of all lanes.
+    /// Returns the number of diffuse surfaces that each lane has left; 0 if paths do not count them.
     #[inline(always)]
     pub(in crate::render) fn bounce_counts(&self) -> Lanes<u32> {
         self.path_states.bounces.lanes(self.packet, 0)
@@ -340,6 +334,24 @@ impl PathStatePacket<'_> {
     #[inline(always)]
     pub(in crate::render) fn splits(&self) -> Lanes<u32> {
         self.path_states.split.lanes(self.packet, PathState::NONE.split)
+    }
+
+    /// Returns [`PathStatePacket::sample`] of all lanes.
+    #[inline(always)]
+    pub(in crate::render) fn samples(&self) -> Lanes<u32> {
+        self.path_states.sample.lanes(self.packet, 0)
+    }
+
+    /// Returns [`PathStatePacket::wavelength`] of all lanes.
+    #[inline(always)]
+    pub(in crate::render) fn wavelengths(&self) -> Lanes<f32> {
+        self.path_states.wavelength.lanes(self.packet, 0.0)
+    }
+
+    /// Returns [`PathStatePacket::time`] of all lanes.
+    #[inline(always)]
+    pub(in crate::render) fn times(&self) -> Lanes<f32> {
+        self.path_states.time.lanes(self.packet, 0.0)
     }
 
     /// Returns the unit direction of lane `l`, before it is rounded to the f32 direction of the ray.
@@ -399,12 +411,18 @@ impl FreeLane {
         packet: 0,
         lane: LANES,
     };
+
+    /// Returns the position of the lane among those of all packets.
+    #[inline(always)]
+    pub(in crate::render) fn index(self) -> usize {
+        self.packet * LANES + self.lane
+    }
 }
 
-/// Free lanes for those of `lanes` of another packet.
+/// Free lanes, given by [`FreeLane::index`], for those of `lanes` of another packet.
 #[derive(Clone, Copy)]
 struct LaneDestinations<'a> {
-    free: &'a [FreeLane],
+    free: &'a [usize],
     lanes: &'a [u8],
 }
 
@@ -448,11 +466,13 @@ impl<T: Copy> OptionalArray<T> {
 
     /// Sets free lanes to the values of the lanes that they are for.
     #[inline(always)]
-    fn fill(&mut self, places: LaneDestinations, value: impl Fn(usize) -> T) {
-        if self.is_allocated {
-            for (place, &l) in places.free.iter().zip(places.lanes) {
-                self.packets[place.packet][place.lane] = value(usize::from(l) % LANES);
-            }
+    fn fill(&mut self, places: LaneDestinations, values: impl FnOnce() -> Lanes<T>) {
+        if !self.is_allocated {
+            return;
+        }
+        let (lanes, values) = (self.packets.as_flattened_mut(), values());
+        for (&place, &l) in places.free.iter().zip(places.lanes) {
+            lanes[place] = values[usize::from(l) % LANES];
         }
     }
 
@@ -519,9 +539,9 @@ impl InteriorArray {
 
     /// Sets free lanes to the interiors of packet `from` of `others`, which have the same arrays.
     fn fill(&mut self, places: LaneDestinations, others: &InteriorArray, from: usize) {
-        self.single.fill(places, |l| others.single.get(from, l, None));
+        self.single.fill(places, || others.single.lanes(from, None));
         self.nested
-            .fill(places, |l| others.nested.get(from, l, InteriorStack::EMPTY));
+            .fill(places, || others.nested.lanes(from, InteriorStack::EMPTY));
     }
 
     /// Returns the interiors around lane `l` of packet `packet`.

@@ -249,36 +249,37 @@ impl RayQueue {
     /// Appends those of the rays from diffuse surfaces that are in `lanes`, in this order.
     pub(in crate::render) fn push_bounces(&mut self, rays: &RayLanes, states: &BouncedStates, lanes: &[u8]) {
         // Find a free lane for each
-        let mut places = [FreeLane::NONE; LANES];
+        let mut places = [0; LANES];
         for (place, &l) in places.iter_mut().zip(lanes) {
             let [x, y, z] = rays.direction.each_ref().map(|axis| axis[usize::from(l) % LANES]);
-            *place = self.free_lane(Vec3::new(x, y, z));
+            *place = self.free_lane(Vec3::new(x, y, z)).index();
         }
         let places = &places[..lanes.len()];
         self.path_states.resize(self.count);
         // Write the rays, their pixels and their throughput
-        for (place, &l) in places.iter().zip(lanes) {
-            let l = usize::from(l) % LANES;
-            let [origin, direction] =
-                [rays.origin, rays.direction].map(|rows| Vec3::new(rows[0][l], rows[1][l], rows[2][l]));
-            let (packet, path) = (&mut self.packets[place.packet], &mut self.paths[place.packet]);
-            packet.set(place.lane, &Ray::new(origin, direction));
-            packet.time[place.lane] = states.arrival.time(l);
-            path.pixel[place.lane] = rays.pixel[l];
+        let times = states.arrival.times();
+        for (&place, &l) in places.iter().zip(lanes) {
+            let (packet, lane, l) = (place / LANES, place % LANES, usize::from(l) % LANES);
+            let (packet, path) = (&mut self.packets[packet], &mut self.paths[packet]);
+            let ray = [rays.origin, rays.direction].map(|[x, y, z]| [x[l], y[l], z[l]]);
+            packet.begin_ray(lane, ray, times[l]);
+            path.pixel[lane] = rays.pixel[l];
             for channel in 0..3 {
-                path.weight[channel][place.lane] = rays.weight[channel][l];
+                path.weight[channel][lane] = rays.weight[channel][l];
             }
         }
         self.path_states.set_bounced(states, places, lanes);
         // Count the rays
-        let is_color = |l: u8| states.arrival.wavelength(usize::from(l)) != 0.0;
+        let wavelengths = states.arrival.wavelengths();
+        let is_color = |l: u8| wavelengths[usize::from(l) % LANES] != 0.0;
         let color_count = lanes.iter().filter(|&&l| is_color(l)).count() as u64;
         self.ray_types.bounced_colors += color_count;
         self.ray_types.bounced += lanes.len() as u64 - color_count;
         if let Some(accounts) = &mut self.accounts {
             accounts.resize(self.count.max(accounts.len()), [Category::Reflection; LANES]);
-            for (place, &l) in places.iter().zip(lanes) {
-                accounts[place.packet][place.lane] = match is_color(l) {
+            let accounts = accounts.as_flattened_mut();
+            for (&place, &l) in places.iter().zip(lanes) {
+                accounts[place] = match is_color(l) {
                     true => Category::Dispersion,
                     false => Category::Interreflection,
                 };

@@ -240,6 +240,13 @@ impl ShadingState<'_, '_> {
         for l in 0..LANES {
             missed |= (traced.packet.active[l] != 0) & !surfaces.points.hit[l];
         }
+        // Add nothing if all of it is black
+        let has_ambient = self.frame.ambient != [0.0; 3];
+        let has_background = missed && self.frame.has_background();
+        if !(has_ambient || has_background || surfaces.materials.may_emit()) {
+            self.meter.part(Category::Surroundings);
+            return;
+        }
         let background = match missed {
             true => self.frame.background_along(&traced, stage),
             false => [[0.0; LANES]; 3],

@@ -10,10 +10,38 @@ use super::{AreaLightError, LightSample, SurfacePoint, is_density, sample_of_are
 use crate::numeric::cumulative::{self, ChosenSteps};
 use crate::numeric::{Lanes, warp};
 
-/// Mesh light of triangles in world space, 84 bytes each; their fronts are where their corners run counter-clockwise.
+/// Triangle of a mesh light, in world space.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LightTriangle {
+    /// Position of the first corner.
+    pub(crate) corner: DVec3,
+    /// Vectors from the first corner to the second and to the third.
+    pub(crate) edges: [DVec3; 2],
+    /// Unit normal on the front; NaN without an area.
+    pub(crate) normal: DVec3,
+}
+
+impl LightTriangle {
+    fn new([a, b, c]: [DVec3; 3]) -> LightTriangle {
+        let edges = [b - a, c - a];
+        let across = edges[0].cross(edges[1]);
+        LightTriangle {
+            corner: a,
+            edges,
+            normal: across / across.length(),
+        }
+    }
+
+    /// Returns the point of these barycentric coordinates of the second and the third corner.
+    fn point(&self, [to_b, to_c]: [f64; 2]) -> DVec3 {
+        self.corner + to_b * self.edges[0] + to_c * self.edges[1]
+    }
+}
+
+/// Mesh light of triangles in world space, 108 bytes each; their fronts are where their corners run counter-clockwise.
 #[derive(Clone, Debug)]
 pub struct MeshLight {
-    triangles: Vec<[DVec3; 3]>,
+    triangles: Vec<LightTriangle>,
     /// Cumulative area up to and including each triangle.
     cumulative_area: Vec<f64>,
     /// First triangles of the searches in `cumulative_area`: see [`cumulative::guide`].
@@ -23,7 +51,7 @@ pub struct MeshLight {
 impl MeshLight {
     /// Creates the light of `triangles`, in metres. Triangles without an area are never chosen.
     pub fn new(triangles: impl IntoIterator<Item = [DVec3; 3]>) -> Result<MeshLight, AreaLightError> {
-        let triangles: Vec<[DVec3; 3]> = triangles.into_iter().collect();
+        let triangles: Vec<LightTriangle> = triangles.into_iter().map(LightTriangle::new).collect();
         if u32::try_from(triangles.len()).is_err() {
             return Err(AreaLightError::TooManyTriangles);
         }
@@ -31,8 +59,8 @@ impl MeshLight {
         let mut area = 0.0;
         let cumulative_area: Vec<f64> = triangles
             .iter()
-            .map(|[a, b, c]| {
-                area += 0.5 * (b - a).cross(c - a).length();
+            .map(|LightTriangle { edges: [e1, e2], .. }| {
+                area += 0.5 * e1.cross(*e2).length();
                 area
             })
             .collect();
@@ -60,10 +88,10 @@ impl MeshLight {
         cumulative::invert_packet(&self.cumulative_area, &self.guide, u)
     }
 
-    /// Returns the corners of a triangle in world space.
+    /// Returns one of the triangles.
     #[inline(always)]
-    pub(crate) fn corners(&self, triangle: usize) -> [DVec3; 3] {
-        self.triangles[triangle]
+    pub(crate) fn triangle(&self, index: usize) -> &LightTriangle {
+        &self.triangles[index]
     }
 
     /// Samples the point that `u` in [0, 1)² selects for `p`; `None` in the plane of the chosen triangle.
@@ -73,15 +101,9 @@ impl MeshLight {
     pub fn sample(&self, p: DVec3, u: [f64; 2]) -> Option<LightSample> {
         // Choose a triangle by its area, then sample a point uniformly on it
         let (chosen, within) = self.choose(u[0]);
-        let [a, b, c] = self.triangles[chosen];
-        let [to_b, to_c] = warp::triangle([within, u[1]]);
-        let across = (b - a).cross(c - a);
-        let sample = sample_of_area(
-            p,
-            a + to_b * (b - a) + to_c * (c - a),
-            across / across.length(),
-            self.area(),
-        )?;
+        let triangle = &self.triangles[chosen];
+        let position = triangle.point(warp::triangle([within, u[1]]));
+        let sample = sample_of_area(p, position, triangle.normal, self.area())?;
         Some(LightSample {
             primitive: chosen as u32,
             ..sample
@@ -91,11 +113,10 @@ impl MeshLight {
     /// Returns the point that `u` selects uniformly from the triangles.
     pub(super) fn surface_point(&self, u: [f64; 2]) -> SurfacePoint {
         let (chosen, within) = self.choose(u[0]);
-        let [a, b, c] = self.triangles[chosen];
-        let [to_b, to_c] = warp::triangle([within, u[1]]);
+        let triangle = &self.triangles[chosen];
         SurfacePoint {
-            position: a + to_b * (b - a) + to_c * (c - a),
-            normal: (b - a).cross(c - a).normalize(),
+            position: triangle.point(warp::triangle([within, u[1]])),
+            normal: triangle.normal,
             primitive: chosen as u32,
         }
     }
@@ -154,8 +175,8 @@ mod tests {
         }
         // 24 square metres in 2400 steps: each count is the area to within one step.
         for (triangle, &count) in light.triangles.iter().zip(&count) {
-            let [a, b, c] = *triangle;
-            let area = 0.5 * (b - a).cross(c - a).length();
+            let [e1, e2] = triangle.edges;
+            let area = 0.5 * e1.cross(e2).length();
             assert!((count - area).abs() < 0.0101, "{count}, not {area}");
         }
     }

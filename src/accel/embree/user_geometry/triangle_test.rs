@@ -142,7 +142,7 @@ impl<const W: usize> ClusterKernel<'_, W> {
             if maybe == 0 {
                 continue;
             }
-            let corners = [cluster.corner(a), cluster.corner(b), cluster.corner(c)];
+            let corners = || [cluster.corner(a), cluster.corner(b), cluster.corner(c)];
             let projected = [flat(a), flat(b), flat(c)];
             let interval = [&t_near, &found.t];
             let new_hits = shears.intersect_sheared(isa, projected, corners, maybe, interval);

@@ -23,7 +23,7 @@ def main():
     results = {
         "machine": machine.describe(),
         "versions": {},
-        "turns": 1 if chosen.quick else chosen.turns,
+        "turns": chosen.turns,
         "skipped": {},
         "scenes": {},
     }

@@ -15,8 +15,8 @@ def parse(arguments):
         description="Time whit against other renderers on the same scenes; writes tables, images, versions and machine.",
     )
     parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="folder to write into; made if absent")
-    parser.add_argument("--quick", action="store_true", help="one turn, and references of fewer samples")
-    parser.add_argument("--turns", type=int, default=5, metavar="N", help="how often each is timed [default: %(default)s]")
+    parser.add_argument("--quick", action="store_true", help="references of fewer samples, and one turn by default")
+    parser.add_argument("--turns", type=int, metavar="N", help="how often each is timed [default: 5, with --quick 1]")
     parser.add_argument("--whit", type=Path, metavar="PROGRAM", help="whit to measure [default: built by cargo]")
     parser.add_argument("--mesh", type=Path, metavar="FILE.glb", help="mesh of 2 million triangles [default: made by cargo]")
     parser.add_argument(
@@ -42,6 +42,7 @@ def parse(arguments):
         help="width and height; the analytic scene has half of it, the Cornell box a quarter [default: %(default)s]",
     )
     chosen = parser.parse_args(arguments)
+    chosen.turns = chosen.turns or (1 if chosen.quick else 5)
     chosen.environments = chosen.environments or chosen.out / "environments"
     for name in ["out", "whit", "mesh", "assets", "environments"]:
         path = getattr(chosen, name)

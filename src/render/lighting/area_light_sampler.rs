@@ -29,6 +29,7 @@ pub(in crate::render) struct AreaLightSampler<'s> {
 struct EmissiveObject<'s> {
     geometry: &'s Geometry,
     instance: &'s Instance,
+    ends: ShadowRayEnds,
     /// Texture of the emission, if there is one and textures are simulated.
     texture: Option<&'s TextureBinding>,
     /// Bounds on the rounding errors of rays that leave each triangle of a mesh, along each axis of object space; 12 bytes
@@ -186,7 +187,7 @@ impl<'s> AreaLightSampler<'s> {
         let object = self.emissive_object.as_ref()?;
         match &self.shape {
             AreaLight::Mesh(light) if object.texture.is_none() => {
-                let surface = (&*object.triangle_errors, object.instance);
+                let surface = (&*object.triangle_errors, &object.ends);
                 Some(sample_emissive_mesh(light, surface, (p, u)))
             }
             _ => None,
@@ -240,6 +241,7 @@ impl<'s> EmissiveObject<'s> {
                 Geometry::Shape(_) | Geometry::Points(_) => Vec::new(),
             },
             instance,
+            ends: ShadowRayEnds::of(instance),
             texture: material
                 .layer(MaterialInput::Emission)
                 .filter(|_| effects.has(Effect::Texture)),
@@ -261,7 +263,7 @@ impl<'s> EmissiveObject<'s> {
             -sample.normal
         };
         let way = sample.distance * sample.direction;
-        ShadowRayEnds::of(self.instance).end(sample.position, n, way, on_surface.0)
+        self.ends.end(sample.position, n, way, on_surface.0)
     }
 
     /// Returns the emission texture at a sampled point, or 1 without a texture.

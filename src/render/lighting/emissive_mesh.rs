@@ -6,7 +6,7 @@ use multiversion::multiversion;
 use super::shadow_ray_end::ShadowRayEnds;
 use crate::mesh::Mesh;
 use crate::numeric::{LANES, Lanes, Lanes3, triangle_spawn_bound, warp};
-use crate::scene::{Instance, LightSamplePacket};
+use crate::scene::LightSamplePacket;
 use crate::shading::MeshLight;
 
 /// Triangles of a mesh light that sixteen points have chosen, with what [`MeshLight`] knows of each.
@@ -25,7 +25,7 @@ struct ChosenTriangles {
 /// bounds of [`triangle_errors`].
 pub(super) fn sample_emissive_mesh(
     light: &MeshLight,
-    (errors, instance): (&[Vec3], &Instance),
+    (errors, ends): (&[Vec3], &ShadowRayEnds),
     (p, u): (&Lanes3<f32>, &[Lanes<f64>; 2]),
 ) -> LightSamplePacket {
     // Choose a triangle for each point by inverting the cumulative area
@@ -55,7 +55,7 @@ pub(super) fn sample_emissive_mesh(
         direction: [[0.0; LANES]; 3],
         pdf: [0.0; LANES],
     };
-    sample_triangles(&chosen, (light.area(), instance), p, &mut samples);
+    sample_triangles(&chosen, (light.area(), ends), p, &mut samples);
     samples
 }
 
@@ -66,11 +66,10 @@ pub(super) fn sample_emissive_mesh(
 ))]
 fn sample_triangles(
     chosen: &ChosenTriangles,
-    (area, instance): (f64, &Instance),
+    (area, ends): (f64, &ShadowRayEnds),
     p: &Lanes3<f32>,
     samples: &mut LightSamplePacket,
 ) {
-    let ends = ShadowRayEnds::of(instance);
     for l in 0..LANES {
         // Sample a point uniformly on the triangle
         let shaded = DVec3::new(p[0][l].into(), p[1][l].into(), p[2][l].into());

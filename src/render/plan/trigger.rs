@@ -248,10 +248,16 @@ pub const TRIGGERS: &[Trigger] = &[
         )
     }),
     trigger(Effect::EnergyConservation, "a rough lobe", |facts| {
-        facts.material(is_rough, |_| "has a rough lobe".into())
+        facts.material(
+            |m| is_rough(m) && has_lobe_or_layer(m),
+            |_| "has a rough lobe".into(),
+        )
     }),
     trigger(Effect::EnergyConservation, "diffuse light", |facts| {
-        facts.material(is_diffuse, |_| "is diffuse under a reflection".into())
+        facts.material(
+            |m| is_diffuse(m) && has_lobe_or_layer(m),
+            |_| "is diffuse under a reflection".into(),
+        )
     }),
     // Layers and lobes of glTF's extensions
     trigger(Effect::Clearcoat, "clear coat", |facts| {
@@ -329,7 +335,9 @@ pub(super) fn absence(effect: Effect, facts: &Facts) -> String {
         Effect::MotionBlur => "nothing moves".into(),
         Effect::Subsurface => "no material has subsurface scattering".into(),
         Effect::Translucency => "no material transmits diffuse light".into(),
-        Effect::EnergyConservation => "no material of glTF's model is rough or diffuse".into(),
+        Effect::EnergyConservation => {
+            "no material of glTF's model is rough, or diffuse under a reflection".into()
+        }
         Effect::Clearcoat => "no material has a clear coat".into(),
         Effect::Sheen => "no material has sheen".into(),
         Effect::Anisotropy => "no lobe is anisotropic".into(),
@@ -432,6 +440,16 @@ fn is_rough(material: &Material) -> bool {
     let is_rough = matches!(&material.model, Model::MetallicRoughness(model) if model.roughness > 0.0);
     // Anisotropy widens even a lobe of roughness 0
     is_rough || material.anisotropic().is_some() || has_rough_coat(material)
+}
+
+/// Returns whether the material is glTF's and reflects light by a lobe or a layer. A texture multiplies the factors, so it
+/// cannot add a lobe.
+fn has_lobe_or_layer(material: &Material) -> bool {
+    let Model::MetallicRoughness(model) = &material.model else {
+        return false;
+    };
+    let has_lobe = model.metallic > 0.0 || model.specular > 0.0 || material.iridescent().is_some();
+    has_lobe || material.coated().is_some() || material.sheening().is_some()
 }
 
 /// Returns whether the material has a coat with a lobe, which is opaque over any base.

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use whit::accel::{self, AccelOptions, Backend};
 use whit::render::plan::{Facts, TRIGGERS, Trigger};
 use whit::render::{Category, Plan, RenderSettings, Rendering};
-use whit::scene::{Effect, EffectOverrides, EffectSet, Scene};
+use whit::scene::{Effect, EffectOverrides, EffectSet, Model, Scene};
 
 /// Number of random scenes.
 const SCENES: u64 = 1000;
@@ -100,6 +100,25 @@ fn repository_scenes_look_the_same_with_all_effects_on() {
         );
         assert!(bits(&planned) == bits(&all), "{}:\n{}", filed.name, planned.plan);
     }
+}
+
+#[test]
+fn diffuse_surfaces_without_lobes_lose_no_energy() {
+    let mut off = 0;
+    for seed in 0..200 {
+        // Take the lobes of all surfaces away, but those of layers and films
+        let mut scene = random_scenes::scene(seed);
+        for material in &mut scene.materials {
+            if let Model::MetallicRoughness(model) = &mut material.model {
+                (model.metallic, model.specular) = (0.0, 0.0);
+            }
+        }
+        let planned = rendered(&scene, backend_of(seed), &settings());
+        let all = rendered(&scene, backend_of(seed), &with(EffectOverrides::ALL, settings()));
+        assert!(bits(&planned) == bits(&all), "scene {seed}:\n{}", planned.plan);
+        off += u32::from(!planned.plan.effects().has(Effect::EnergyConservation));
+    }
+    assert!((20..180).contains(&off), "off in {off} scenes");
 }
 
 #[test]

@@ -248,6 +248,8 @@ impl<'s> SurfaceScene<'s> {
     }
 
     /// Sets the materials of all hits before texturing. Returns whether any of them varies over its surface.
+    // Not inlined, so that the steps that all packets take keep their registers.
+    #[inline(never)]
     fn materials_by_lane(&self, packet: &RayPacket, materials: &mut MaterialPacket) -> bool {
         let mut varies = false;
         materials.set_lanes(|l| {
@@ -440,7 +442,11 @@ impl Common {
 }
 
 /// Returns the smallest and the largest instance index, and primitive index, among the hit lanes.
-#[inline(always)]
+// Compiled by itself, as its caller would compare lane by lane with what it knows of each.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
 fn ranges(packet: &RayPacket) -> [[u32; 2]; 2] {
     let mut ranges = [[NO_HIT, 0]; 2];
     for (numbers, range) in [&packet.instance, &packet.primitive].into_iter().zip(&mut ranges) {

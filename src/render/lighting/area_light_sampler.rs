@@ -32,8 +32,7 @@ struct EmissiveObject<'s> {
     ends: ShadowRayEnds,
     /// Texture of the emission, if there is one and textures are simulated.
     texture: Option<&'s TextureBinding>,
-    /// Bounds on the rounding errors of rays that leave each triangle of a mesh, along each axis of object space; 12 bytes
-    /// each.
+    /// Bounds on the rounding errors of rays that leave each triangle of a mesh, along each axis of object space.
     triangle_errors: Vec<Vec3>,
 }
 

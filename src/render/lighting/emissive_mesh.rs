@@ -21,8 +21,8 @@ struct ChosenTriangles {
 }
 
 /// Samples the points of an emissive mesh that `u` selects for the points `p`: each as
-/// [`super::AreaLightSampler::sample`] does, with the same bits. Positions are the ends of the shadow rays. `errors` are the
-/// bounds of [`triangle_errors`].
+/// [`super::AreaLightSampler::sample`] does, with the same bits. Positions are the ends of the shadow rays.
+/// `errors` holds the bounds that [`triangle_errors`] returns.
 pub(super) fn sample_emissive_mesh(
     light: &MeshLight,
     (errors, ends): (&[Vec3], &ShadowRayEnds),

@@ -343,7 +343,7 @@ fn survival_probabilities(
     probability
 }
 
-/// What becomes of sixteen paths behind diffuse surfaces.
+/// Decisions about sixteen paths behind diffuse surfaces: which continue, and which end at their limits.
 struct PathEnds {
     /// True for paths that continue.
     continues: Lanes<bool>,

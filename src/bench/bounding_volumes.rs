@@ -161,7 +161,7 @@ fn rays_within_budget(list: &ListAccel, set: &RayWorkload) -> RayWorkload {
             return some.first_lanes(lanes as usize);
         }
         // Otherwise double the number of packets until the time is reached
-        if 2.0 * taken > LIST_SECONDS || some.packets.len() == set.packets.len() {
+        if 2.0 * taken > LIST_SECONDS || some.ray_count == set.ray_count {
             return some;
         }
         most *= 2;

@@ -12,6 +12,9 @@ use crate::render;
 
 /// Number of packets of a batch: those of a tile of 32x32 pixels.
 pub(super) const BATCH_PACKETS: usize = 64;
+/// Number of packets in a row of a selection: those of a tile of 32x32 pixels with 16 samples. Shorter runs would find the
+/// tree in slower caches than a frame does, whose tiles reuse what their neighbours have loaded.
+const RUN_PACKETS: usize = 16 * BATCH_PACKETS;
 /// Largest number of packets of a kind; 16 times this many rays suffice for a stable result.
 const MAX_PACKETS: usize = 1 << 16;
 
@@ -43,6 +46,7 @@ impl fmt::Display for RayKind {
 /// Recorded rays of one kind.
 pub(super) struct RayWorkload {
     pub(super) kind: RayKind,
+    /// Packets of the rays. Each [`BATCH_PACKETS`] of them are those of one query; packets without rays fill up the rest.
     pub(super) packets: Vec<RayPacket>,
     /// Number of active lanes of all packets.
     pub(super) ray_count: u64,
@@ -63,7 +67,7 @@ impl RayWorkload {
         let pixel_count = settings.width as usize * settings.height as usize;
         let mut sets = vec![
             RayWorkload::new(RayKind::Camera, recorded.camera),
-            RayWorkload::new(RayKind::Shadow, recorded.shadow),
+            RayWorkload::of_queries(RayKind::Shadow, recorded.shadow, &recorded.shadow_queries),
             RayWorkload::new(RayKind::Reflection, recorded.reflection),
             RayWorkload::random(&scene.bounds(), pixel_count),
         ];
@@ -71,15 +75,31 @@ impl RayWorkload {
         sets
     }
 
-    /// Returns a set of the packets with at least one traceable ray; of too many an even selection.
-    fn new(kind: RayKind, mut packets: Vec<RayPacket>) -> RayWorkload {
-        // The raw calls do not check rays, so untraceable ones are removed here.
-        packets.iter_mut().for_each(|packet| {
-            packet.drop_untraceable();
-            empty_idle_lanes(packet);
-        });
-        packets.retain(RayPacket::any_active);
-        let packets = select_evenly(packets, MAX_PACKETS);
+    /// Returns a set of the packets with at least one traceable ray, as of one query; of too many an even selection.
+    fn new(kind: RayKind, packets: Vec<RayPacket>) -> RayWorkload {
+        RayWorkload::of_queries(kind, packets, &[0])
+    }
+
+    /// Returns a set of the packets with at least one traceable ray, of queries that start with these packets; of too many
+    /// an even selection.
+    fn of_queries(kind: RayKind, mut packets: Vec<RayPacket>, starts: &[usize]) -> RayWorkload {
+        let mut kept = Vec::with_capacity(packets.len());
+        let ends = starts.iter().skip(1).copied().chain([packets.len()]);
+        for (&start, end) in starts.iter().zip(ends) {
+            for packet in &mut packets[start..end] {
+                // The raw calls do not check rays, so untraceable ones are removed here
+                packet.drop_untraceable();
+                empty_idle_lanes(packet);
+                if packet.any_active() {
+                    kept.push(packet.clone());
+                }
+            }
+            // Let the next query begin a batch
+            if end < packets.len() {
+                kept.resize(kept.len().next_multiple_of(BATCH_PACKETS), RayPacket::EMPTY);
+            }
+        }
+        let packets = select_evenly(kept, MAX_PACKETS);
         let active = |packet: &RayPacket| (0..LANES).filter(|&lane| packet.is_active(lane)).count() as u64;
         RayWorkload {
             kind,
@@ -109,12 +129,11 @@ impl RayWorkload {
 
     /// Returns at most `most` packets, evenly spread over the set.
     pub(super) fn at_most(&self, most: usize) -> RayWorkload {
-        let count = self.packets.len();
+        let filled: Vec<&RayPacket> = self.packets.iter().filter(|packet| packet.any_active()).collect();
+        let count = filled.len();
         let kept = most.clamp(1, count.max(1)).min(count);
         // Take every (count / kept)-th packet
-        let packets = (0..kept)
-            .map(|i| self.packets[i * count / kept].clone())
-            .collect();
+        let packets = (0..kept).map(|i| filled[i * count / kept].clone()).collect();
         RayWorkload::new(self.kind, packets)
     }
 
@@ -155,17 +174,17 @@ fn empty_idle_lanes(packet: &mut RayPacket) {
     }
 }
 
-/// Returns at most `most` packets in runs of one batch each, evenly spread over all.
+/// Returns at most `most` packets in runs of [`RUN_PACKETS`] each, evenly spread over all. Runs begin where a batch does, as
+/// the rays of a batch are close together and those of two halves of batches need not be.
 fn select_evenly(packets: Vec<RayPacket>, most: usize) -> Vec<RayPacket> {
     if packets.len() <= most {
         return packets;
     }
-    let runs = most / BATCH_PACKETS;
-    // Keep whole batches together, as coherence within a batch affects its speed
+    let runs = most / RUN_PACKETS;
     (0..runs)
         .flat_map(|run| {
-            let start = run * (packets.len() - BATCH_PACKETS) / runs;
-            packets[start..start + BATCH_PACKETS].iter().cloned()
+            let start = run * (packets.len() - RUN_PACKETS) / runs / BATCH_PACKETS * BATCH_PACKETS;
+            packets[start..start + RUN_PACKETS].iter().cloned()
         })
         .collect()
 }
@@ -211,20 +230,20 @@ mod tests {
 
     #[test]
     fn selection_of_packets_keeps_evenly_spaced_runs() {
-        let packets: Vec<RayPacket> = (0..1000)
+        let packets: Vec<RayPacket> = (0..16_000)
             .map(|i| {
                 let mut packet = RayPacket::EMPTY;
                 packet.set(0, &Ray::new(Vec3::splat(i as f32), Vec3::X));
                 packet
             })
             .collect();
-        let kept = select_evenly(packets, 2 * BATCH_PACKETS);
+        let kept = select_evenly(packets, 2 * RUN_PACKETS);
         let starts: Vec<f32> = kept.iter().map(|p| p.origin[0][0]).collect();
-        assert_eq!(kept.len(), 128);
-        // The runs begin at 0 and at (1000 - 64) / 2.
+        assert_eq!(kept.len(), 2048);
+        // The runs begin at 0, and at the batch around (16,000 - 1024) / 2 = 7488 = 117 * 64.
         assert_eq!(
-            (starts[0], starts[63], starts[64], starts[127]),
-            (0.0, 63.0, 468.0, 531.0)
+            (starts[0], starts[1023], starts[1024], starts[2047]),
+            (0.0, 1023.0, 7488.0, 8511.0)
         );
     }
 
@@ -235,5 +254,20 @@ mod tests {
         packet.set(4, &Ray::new(Vec3::NAN, Vec3::X));
         let set = RayWorkload::new(RayKind::Camera, vec![RayPacket::EMPTY, packet]);
         assert_eq!((set.packets.len(), set.ray_count), (1, 1));
+    }
+
+    #[test]
+    fn each_query_begins_a_batch() {
+        let mut filled = RayPacket::EMPTY;
+        filled.set(3, &Ray::new(Vec3::ZERO, Vec3::X));
+        let packets = vec![filled.clone(), RayPacket::EMPTY, filled.clone(), filled.clone(), filled];
+        // The first query has two packets with rays, the second one, and the third one.
+        let set = RayWorkload::of_queries(RayKind::Shadow, packets, &[0, 3, 4]);
+        let is_filled: Vec<bool> = set.packets.iter().map(RayPacket::any_active).collect();
+        let mut expected = vec![false; 2 * BATCH_PACKETS + 1];
+        for index in [0, 1, BATCH_PACKETS, 2 * BATCH_PACKETS] {
+            expected[index] = true;
+        }
+        assert_eq!((is_filled, set.ray_count), (expected, 4));
     }
 }

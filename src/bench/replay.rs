@@ -113,8 +113,13 @@ impl<'w> ReplayPart<'w> {
                 ..whole
             };
         }
+        // Divide it between queries
+        let start = |index| match index {
+            PARTS => count,
+            _ => index * count / PARTS / BATCH_PACKETS * BATCH_PACKETS,
+        };
         ReplayPart {
-            packets: &set.packets[index * count / PARTS..(index + 1) * count / PARTS],
+            packets: &set.packets[start(index)..start(index + 1)],
             ..whole
         }
     }
@@ -137,7 +142,8 @@ pub(super) fn shared_replay_time(
 ) -> TurnTime {
     let ReplayPart { set, packets, weight } = part;
     // Parts are small enough that every thread takes several, even if the threads differ in speed.
-    let share = (packets.len() / (SHARES * pool.current_num_threads())).max(BATCH_PACKETS);
+    let share = packets.len() / (SHARES * pool.current_num_threads());
+    let share = share.max(1).next_multiple_of(BATCH_PACKETS);
     let shares: Vec<&[RayPacket]> = packets.chunks(share).collect();
     parallel::install(pool, || {
         let watch = Stopwatch::start();
@@ -166,11 +172,16 @@ fn replay(engine: Engine, set: &RayWorkload, packets: &[RayPacket], scratch: &mu
     for packets in packets.chunks(scratch.len()) {
         // Copy them to the cache, where a renderer's packets are when it traces them
         let start = Instant::now();
-        let scratch = &mut scratch[..packets.len()];
-        scratch.clone_from_slice(packets);
-        black_box(&mut *scratch);
+        let mut count = 0;
+        for packet in packets.iter().filter(|packet| packet.any_active()) {
+            scratch[count].clone_from(packet);
+            count += 1;
+        }
+        let scratch = black_box(&mut scratch[..count]);
         copying += start.elapsed().as_secs_f64();
-        engine.trace(scratch, set);
+        if count > 0 {
+            engine.trace(scratch, set);
+        }
         black_box(scratch);
     }
     copying
@@ -190,7 +201,9 @@ pub(super) fn differences(scene: &Scene, set: &RayWorkload, reference: Engine, o
     let mut differences = Differences::default();
     for batch in set.packets.chunks(BATCH_PACKETS) {
         // Trace copies of the packets with both engines
-        let [mut results, mut other_results] = [batch.to_vec(), batch.to_vec()];
+        let filled = batch.iter().filter(|packet| packet.any_active());
+        let batch: Vec<RayPacket> = filled.cloned().collect();
+        let [mut results, mut other_results] = [batch.clone(), batch.clone()];
         reference.trace(&mut results, set);
         other.trace(&mut other_results, set);
         // Classify the difference in each active lane
@@ -201,7 +214,7 @@ pub(super) fn differences(scene: &Scene, set: &RayWorkload, reference: Engine, o
                     #[cfg(feature = "embree")]
                     (_, _, Engine::Raw(_) | Engine::RawSingle(_)) => same_distance(a, b, lane),
                     (RayKind::Shadow, Engine::Accel(first), Engine::Accel(second)) => {
-                        let distance = set.end.map(|end| end.distance(&ray, batch));
+                        let distance = set.end.map(|end| end.distance(&ray, &batch));
                         let blocked = [a.is_blocked(lane), b.is_blocked(lane)];
                         compare_shadow(scene, &ray, distance, [first, second], blocked).0
                     }

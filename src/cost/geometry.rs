@@ -375,7 +375,7 @@ mod tests {
         RecordedRays {
             camera: vec![packet.clone(); 3],
             shadow: vec![packet],
-            reflection: Vec::new(),
+            ..RecordedRays::default()
         }
     }
 

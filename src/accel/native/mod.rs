@@ -10,6 +10,7 @@ mod child_stack;
 mod group;
 mod layout;
 mod packet;
+mod packet_part;
 mod single;
 mod small_tree;
 #[cfg(test)]
@@ -27,7 +28,7 @@ use super::{
     Query, RayEnd, RayPacket,
 };
 use crate::mesh::Mesh;
-use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch};
+use crate::mesh::simd::{Floats, LaneMask, SimdKernel, SimdLevel, dispatch};
 use crate::numeric::Lanes;
 use crate::scene::{Geometry, Scene};
 use layout::GroupTree;
@@ -65,14 +66,20 @@ impl<'s> NativeAccel<'s> {
     fn build_here(scene: &'s Scene, options: &AccelOptions) -> Result<NativeAccel<'s>, AccelError> {
         // Number the triangles of baked meshes in the order of their instances
         let (mut meshes, mut runs) = (Vec::<&Mesh>::new(), Vec::new());
-        let (mut count, mut has_objects) = (0, false);
+        let (mut count, mut has_objects) = (0u32, false);
         for (index, instance) in scene.instances.iter().enumerate() {
             match &scene.geometries[instance.geometry as usize] {
                 Geometry::Mesh(mesh) if instance.is_identity() => {
-                    let first = u32::try_from(count).map_err(|_| AccelError::OutOfMemory)?;
-                    let instance = index as u32;
-                    runs.push(TriangleRun { first, instance });
-                    count += mesh.triangles.len();
+                    let first = count;
+                    let length = u32::try_from(mesh.triangles.len()).ok();
+                    count = length
+                        .and_then(|length| count.checked_add(length))
+                        .ok_or(AccelError::OutOfMemory)?;
+                    runs.push(TriangleRun {
+                        first,
+                        end: count,
+                        instance: index as u32,
+                    });
                     meshes.push(mesh);
                 }
                 geometry => has_objects |= !geometry.is_unbounded(),
@@ -228,28 +235,29 @@ impl SimdKernel for QueryStart<'_> {
     /// Forgets hits of earlier queries, whose triangles have other numbers. Returns the origin of all active rays, if
     /// they have the same.
     #[inline(always)]
-    fn run<I: SimdLevel>(self, _isa: I) -> Option<Vec3> {
+    fn run<I: SimdLevel>(self, isa: I) -> Option<Vec3> {
         // Find the origin of the first active ray
         let QueryStart(packets) = self;
         let first = packets.iter().find(|packet| packet.any_active())?;
         let lane = (0..LANES).find(|&lane| first.is_active(lane))?;
         let origin = first.origin.map(|axis| axis[lane]);
-        let mut differs = [0; LANES];
+        let sixteen = isa.sixteen();
+        let common = origin.map(|x| Floats::splat(sixteen, x));
+        let mut differs = 0;
         for packet in packets {
             // Compare it with the others
-            for lane in 0..LANES {
-                let is_other = (packet.origin[0][lane] != origin[0])
-                    | (packet.origin[1][lane] != origin[1])
-                    | (packet.origin[2][lane] != origin[2]);
-                differs[lane] |= if is_other { packet.active[lane] } else { 0 };
+            let mut same = Floats::load(sixteen, &packet.origin[0]).eq(common[0]);
+            for axis in 1..3 {
+                same = same & Floats::load(sixteen, &packet.origin[axis]).eq(common[axis]);
             }
-            // Clear the hits
+            let active = Floats::load(sixteen, bytemuck::cast_ref(&packet.active)).signs();
+            differs |= active & !same.bits();
+            // Clear the hits; the bits of active lanes are all set, and so are those of `NO_HIT`
             for lane in 0..LANES {
-                let is_traced = packet.active[lane] != 0;
-                packet.instance[lane] = if is_traced { NO_HIT } else { packet.instance[lane] };
+                packet.instance[lane] |= packet.active[lane] as u32;
             }
         }
-        (differs == [0; LANES]).then(|| Vec3::from(origin))
+        (differs == 0).then(|| Vec3::from(origin))
     }
 }
 
@@ -263,27 +271,30 @@ impl SimdKernel for HitNames<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<I: SimdLevel>(self, _isa: I) {
+    fn run<I: SimdLevel>(self, isa: I) {
+        let sixteen = isa.sixteen();
+        let none = Floats::splat(sixteen, f32::from_bits(NO_HIT));
+        let zero = Floats::splat(sixteen, 0.0);
         for packet in self.packets {
-            // Store the instance if there is only one
-            if let [only] = self.runs {
+            // Find the lanes with hits
+            let is_missing = Floats::load(sixteen, bytemuck::cast_ref(&packet.instance)).eq_bits(none);
+            let active = Floats::load(sixteen, bytemuck::cast_ref(&packet.active)).signs();
+            let mut remaining = active & !is_missing.bits();
+            while remaining != 0 {
+                // Find those on the instance of the first one
+                let first = remaining.trailing_zeros() as usize % LANES;
+                let run = TriangleRun::of(self.runs, packet.primitive[first]);
+                let own = remaining & run.contains(sixteen, &packet.primitive);
+                remaining &= !own;
+                // Replace the numbers; all instances were 0
+                let own = LaneMask::of_bits(sixteen, own);
+                let start = own.select(Floats::splat(sixteen, f32::from_bits(run.first)), zero);
+                let instance = own.select(Floats::splat(sixteen, f32::from_bits(run.instance)), zero);
+                let [start, instance]: [Lanes<u32>; 2] =
+                    [bytemuck::cast(start.to_array()), bytemuck::cast(instance.to_array())];
                 for lane in 0..LANES {
-                    let is_hit = (packet.active[lane] != 0) & (packet.instance[lane] != NO_HIT);
-                    packet.instance[lane] = if is_hit {
-                        only.instance
-                    } else {
-                        packet.instance[lane]
-                    };
-                }
-                continue;
-            }
-            // Else find the instance of each hit
-            for lane in 0..LANES {
-                if packet.is_active(lane) && packet.instance[lane] != NO_HIT {
-                    let number = packet.primitive[lane];
-                    let run = TriangleRun::of(self.runs, number);
-                    packet.instance[lane] = run.instance;
-                    packet.primitive[lane] = number - run.first;
+                    packet.primitive[lane] -= start[lane];
+                    packet.instance[lane] |= instance[lane];
                 }
             }
         }
@@ -341,7 +352,7 @@ impl FoundHits {
 }
 
 /// Describes the structures and their memory.
-fn report(tree_bytes: u64, count: usize, others: &Others) -> AccelReport {
+fn report(tree_bytes: u64, count: u32, others: &Others) -> AccelReport {
     // Start with the report of the other structures
     let (mut report, beside) = match others {
         Others::Planes(planes) => (AccelReport::default(), format!("{} planes", planes.count())),

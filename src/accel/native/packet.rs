@@ -10,9 +10,10 @@ use crate::mesh::simd::{Floats, LaneMask, SimdKernel, SimdLevel, WideLevel, disp
 use crate::mesh::triangle::{
     AxisOrders, HitLanes, OwnAxes, PACK, ShearLanes, ShearedVertex, may_contain_origin,
 };
-use crate::numeric::{Lanes, Lanes3};
+
 
 use super::layout::{ChildLink, NO_NUMBER, NativeNode, TreeView, WIDTH};
+use super::packet_part::{PartHits, axes_of, bits_of, part_of, write_lanes};
 use super::single;
 use super::small_tree::{IndexedBlock, MAX_BLOCKS, MAX_VERTICES, SmallTree};
 
@@ -108,18 +109,6 @@ fn trace_together<const N: usize>(
     }
 }
 
-/// Returns `N` lanes: those of that part of a packet.
-#[inline(always)]
-fn lanes_of<T: Copy, const N: usize>(row: &Lanes<T>, part: usize) -> [T; N] {
-    row.as_chunks::<N>().0[part]
-}
-
-/// Returns `N` lanes of each axis.
-#[inline(always)]
-fn axes_of<const N: usize>([x, y, z]: &Lanes3<f32>, part: usize) -> [[f32; N]; 3] {
-    [lanes_of(x, part), lanes_of(y, part), lanes_of(z, part)]
-}
-
 /// Node or block that waits for its visit.
 #[derive(Clone, Copy)]
 struct WaitingChild {
@@ -178,8 +167,8 @@ impl<const N: usize> PacketRays<N> {
         let [enter, leave] = Line::reciprocals(&direction);
         let shears = ShearLanes::of_each(&origin, &direction);
         // Give inactive lanes an empty interval
-        let is_active: [i32; N] = lanes_of(&packet.active, part);
-        let mut t_far: [f32; N] = lanes_of(&packet.t_far, part);
+        let is_active: [i32; N] = *part_of(&packet.active, part);
+        let mut t_far: [f32; N] = *part_of(&packet.t_far, part);
         let mut active = 0;
         for lane in 0..N {
             let end = if t_far[lane] < f32::MAX {
@@ -200,7 +189,7 @@ impl<const N: usize> PacketRays<N> {
             leave,
             axes: AxisOrders::of(&shears.axes),
             shears,
-            t_near: lanes_of(&packet.t_near, part),
+            t_near: *part_of(&packet.t_near, part),
             t_far,
             active,
         }
@@ -389,47 +378,18 @@ impl<W: WideLevel<N>, const N: usize> SmallTreeHits<W, N> {
     /// Writes the hits into that part of a packet.
     #[inline(always)]
     fn write(&self, packet: &mut RayPacket, part: usize, query: Query) {
-        let wide = self.t.level();
-        let is_hit = LaneMask::of_bits(wide, self.mask);
         if query == Query::Any {
-            write_lanes(
-                is_hit,
-                &mut packet.t_far,
-                part,
-                Floats::splat(wide, f32::NEG_INFINITY),
-            );
-            return;
+            return write_lanes(self.mask, &mut packet.t_far, part, &[f32::NEG_INFINITY; N]);
         }
-        write_lanes(is_hit, &mut packet.t_far, part, self.t);
-        write_lanes(is_hit, &mut packet.u, part, self.weights[0] / self.det);
-        write_lanes(is_hit, &mut packet.v, part, self.weights[1] / self.det);
-        write_lanes(
-            is_hit,
-            bytemuck::cast_mut(&mut packet.primitive),
-            part,
-            self.numbers,
-        );
-        write_lanes(
-            is_hit,
-            bytemuck::cast_mut(&mut packet.instance),
-            part,
-            Floats::splat(wide, 0.0),
-        );
+        let hits = PartHits {
+            mask: self.mask,
+            t: self.t.to_array(),
+            u: (self.weights[0] / self.det).to_array(),
+            v: (self.weights[1] / self.det).to_array(),
+            numbers: bits_of(&self.numbers.to_array()),
+        };
+        hits.write(packet, part);
     }
-}
-
-/// Replaces lanes of that part of a packet.
-#[inline(always)]
-fn write_lanes<W: WideLevel<N>, const N: usize>(
-    mask: LaneMask<W, N>,
-    row: &mut Lanes<f32>,
-    part: usize,
-    values: Floats<W, N>,
-) {
-    let lanes = &mut row.as_chunks_mut::<N>().0[part];
-    *lanes = mask
-        .select(values, Floats::load(values.level(), lanes))
-        .to_array();
 }
 
 #[cfg(test)]

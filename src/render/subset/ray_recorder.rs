@@ -1,6 +1,6 @@
 //! Recording of the rays of a frame, to compare backends on real workloads.
 
-use std::sync::Mutex;
+use std::sync::{Mutex, MutexGuard};
 
 use super::super::driver::render;
 use super::super::monitor::Monitor;
@@ -18,6 +18,8 @@ pub struct RecordedRays {
     pub shadow: Vec<RayPacket>,
     /// Secondary rays from surfaces, for nearest-hit queries.
     pub reflection: Vec<RayPacket>,
+    /// Index of the first packet of each query for shadow rays, in ascending order.
+    pub shadow_queries: Vec<usize>,
 }
 
 /// Renders the frame on one thread, in tile order, and returns its rays. The image is discarded.
@@ -54,28 +56,34 @@ struct Recorder<'a> {
 }
 
 impl Recorder<'_> {
-    fn keep(&self, select: impl FnOnce(&mut RecordedRays) -> &mut Vec<RayPacket>, packets: &[RayPacket]) {
-        let mut rays = self.rays.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-        select(&mut rays).extend_from_slice(packets);
+    fn rays(&self) -> MutexGuard<'_, RecordedRays> {
+        self.rays.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
+    }
+
+    fn keep_shadow_rays(&self, packets: &[RayPacket]) {
+        let mut rays = self.rays();
+        let start = rays.shadow.len();
+        rays.shadow_queries.push(start);
+        rays.shadow.extend_from_slice(packets);
     }
 }
 
 impl Accel for Recorder<'_> {
     fn intersect(&self, packets: &mut [RayPacket], order: Coherence) {
         match order {
-            Coherence::Coherent => self.keep(|rays| &mut rays.camera, packets),
-            Coherence::Incoherent => self.keep(|rays| &mut rays.reflection, packets),
+            Coherence::Coherent => self.rays().camera.extend_from_slice(packets),
+            Coherence::Incoherent => self.rays().reflection.extend_from_slice(packets),
         }
         self.accel.intersect(packets, order);
     }
 
     fn occluded(&self, packets: &mut [RayPacket], order: Coherence) {
-        self.keep(|rays| &mut rays.shadow, packets);
+        self.keep_shadow_rays(packets);
         self.accel.occluded(packets, order);
     }
 
     fn occluded_towards(&self, packets: &mut [RayPacket], end: RayEnd) {
-        self.keep(|rays| &mut rays.shadow, packets);
+        self.keep_shadow_rays(packets);
         self.accel.occluded_towards(packets, end);
     }
 

@@ -81,6 +81,9 @@ pub(super) struct Edges<W: WideLevel<N>, const N: usize> {
     pub(super) error: [Floats<W, N>; 3],
     /// Depths of the vertices.
     pub(super) z: [Floats<W, N>; 3],
+    /// Error bound of depths times the magnitude of the sum of the edge functions: a constant, and a multiple of that
+    /// magnitude. Only for queries whose rays start at surfaces; else 0.
+    depth_error: [Floats<W, N>; 2],
 }
 
 /// Edge functions of eight triangles, oriented so that the inside is positive.
@@ -93,8 +96,13 @@ pub(super) struct OrientedEdges<W: WideLevel<8>> {
 impl<W: WideLevel<8>> OrientedEdges<W> {
     /// Computes the edge functions.
     #[inline(always)]
-    pub(super) fn new(eight: W, corners: &BlockCorners<W>, window: &GroupWindow) -> OrientedEdges<W> {
+    pub(super) fn new<P: GroupQuery>(
+        eight: W,
+        corners: &BlockCorners<W>,
+        group: &GroupRays,
+    ) -> OrientedEdges<W> {
         let BlockCorners { x, y, w, z } = corners;
+        let window = &group.centred;
         // Bound the rays' coordinates
         let reach_u = splat(eight, window.u_min.abs().max(window.u_max.abs()));
         let reach_v = splat(eight, window.v_min.abs().max(window.v_max.abs()));
@@ -105,6 +113,7 @@ impl<W: WideLevel<8>> OrientedEdges<W> {
             c: zero,
             error: zero,
             z: *z,
+            depth_error: [splat(eight, 0.0); 2],
         };
         let mut magnitude = splat(eight, 0.0);
         for e in 0..3 {
@@ -130,6 +139,9 @@ impl<W: WideLevel<8>> OrientedEdges<W> {
             edges.a[e] = edges.a[e] ^ sign;
             edges.b[e] = edges.b[e] ^ sign;
             edges.c[e] = (edges.c[e] ^ sign) + edges.error[e];
+        }
+        if P::IS_ANY {
+            edges.depth_error = edges.depth_error_bound::<P::Projection>(eight, group);
         }
         // Find determinants that are as small as their error
         let ambiguous = determinant.abs().le(magnitude * splat(eight, EDGE_ERROR));
@@ -168,12 +180,15 @@ impl<W: WideLevel<8>> OrientedEdges<W> {
 }
 
 /// Rows of [`Edges`] in memory, from which one triangle is broadcast to all lanes.
-pub(super) struct EdgeRows([[[f32; 8]; 3]; 5]);
+pub(super) struct EdgeRows {
+    rows: [[[f32; 8]; 3]; 5],
+    depth_error: [[f32; 8]; 2],
+}
 
 impl EdgeRows {
     /// Stores the edge functions of eight triangles.
     #[inline(always)]
-    pub(super) fn new<W: WideLevel<8>>(edges: &Edges<W, 8>) -> EdgeRows {
+    pub(super) fn new<P: GroupQuery, W: WideLevel<8>>(edges: &Edges<W, 8>) -> EdgeRows {
         let mut rows = [[[0.0; 8]; 3]; 5];
         for e in 0..3 {
             rows[0][e] = edges.a[e].to_array();
@@ -182,12 +197,17 @@ impl EdgeRows {
             rows[3][e] = edges.error[e].to_array();
             rows[4][e] = edges.z[e].to_array();
         }
-        EdgeRows(rows)
+        let mut depth_error = [[0.0; 8]; 2];
+        if P::IS_ANY {
+            let [constant, per_sum] = edges.depth_error;
+            depth_error = [constant.to_array(), per_sum.to_array()];
+        }
+        EdgeRows { rows, depth_error }
     }
 
     /// Returns one triangle in all lanes.
     #[inline(always)]
-    pub(super) fn broadcast<W: WideLevel<N>, const N: usize>(
+    pub(super) fn broadcast<P: GroupQuery, W: WideLevel<N>, const N: usize>(
         &self,
         level: W,
         triangle: usize,
@@ -199,14 +219,19 @@ impl EdgeRows {
             c: zero,
             error: zero,
             z: zero,
+            depth_error: [splat(level, 0.0); 2],
         };
         let triangle = triangle % 8;
         for e in 0..3 {
-            edges.a[e] = splat(level, self.0[0][e][triangle]);
-            edges.b[e] = splat(level, self.0[1][e][triangle]);
-            edges.c[e] = splat(level, self.0[2][e][triangle]);
-            edges.error[e] = splat(level, self.0[3][e][triangle]);
-            edges.z[e] = splat(level, self.0[4][e][triangle]);
+            edges.a[e] = splat(level, self.rows[0][e][triangle]);
+            edges.b[e] = splat(level, self.rows[1][e][triangle]);
+            edges.c[e] = splat(level, self.rows[2][e][triangle]);
+            edges.error[e] = splat(level, self.rows[3][e][triangle]);
+            edges.z[e] = splat(level, self.rows[4][e][triangle]);
+        }
+        if P::IS_ANY {
+            let [constant, per_sum] = &self.depth_error;
+            edges.depth_error = [splat(level, constant[triangle]), splat(level, per_sum[triangle])];
         }
         edges
     }
@@ -267,7 +292,6 @@ impl<W: WideLevel<N>, const N: usize> Edges<W, N> {
     pub(super) fn candidates<P: GroupQuery>(
         &self,
         level: W,
-        group: &GroupRays,
         rays: &ProjectedRays<W, N>,
     ) -> Option<CandidateLanes<W, N>> {
         // Evaluate the edge functions
@@ -286,13 +310,14 @@ impl<W: WideLevel<N>, const N: usize> Edges<W, N> {
         let sum = e[0] + (e[1] + e[2]);
         let z = (e[0] * self.z[0] + (e[1] * self.z[1] + e[2] * self.z[2])) / sum;
         let sum = sum.abs();
+        let [constant, per_sum] = self.depth_error;
         let mut candidates = CandidateLanes {
             inside,
             near_edge: near_edge & inside,
             z,
             sum,
             depth_error: match P::IS_ANY {
-                true => self.depth_error::<P::Projection>(level, group, sum),
+                true => constant + per_sum * sum,
                 false => splat(level, 0.0),
             },
         };
@@ -301,15 +326,9 @@ impl<W: WideLevel<N>, const N: usize> Edges<W, N> {
         (candidates.inside.bits() != 0).then_some(candidates)
     }
 
-    /// Bounds the errors of the depths of hits, and of the starts with which they are compared, times the magnitude `sum`
-    /// of the sum of the edge functions.
+    /// Returns [`Edges::depth_error`] for the errors of the depths of hits, and of the starts with which they are compared.
     #[inline(always)]
-    fn depth_error<J: GroupProjection>(
-        &self,
-        level: W,
-        group: &GroupRays,
-        sum: Floats<W, N>,
-    ) -> Floats<W, N> {
+    fn depth_error_bound<J: GroupProjection>(&self, level: W, group: &GroupRays) -> [Floats<W, N>; 2] {
         // Compute the range of the vertices' depths
         let [z0, z1, z2] = self.z;
         let farthest = z0.max(z1.max(z2));
@@ -331,6 +350,6 @@ impl<W: WideLevel<N>, const N: usize> Edges<W, N> {
             reach = reach + slopes + depth;
         }
         error = error + slopes * (splat(level, POSITION_ERROR) * reach);
-        error * span + splat(level, DEPTH_ERROR) * (depth * sum)
+        [error * span, splat(level, DEPTH_ERROR) * depth]
     }
 }

@@ -7,9 +7,10 @@
 
 use crate::accel::native::child_stack::ChildStack;
 use crate::accel::native::layout::TreeView;
+use crate::accel::native::packet_part::{PartHits, axes_of, bits_of, part_of};
 use crate::accel::native::single::trace_lane;
 use crate::accel::{LANES, Query, RayPacket};
-use crate::mesh::simd::{Floats, LaneMask, SimdLevel, lanes};
+use crate::mesh::simd::{Floats, LaneMask, SimdLevel, WideLevel, lanes};
 use crate::mesh::triangle::ShearLanes;
 use crate::numeric::Lanes;
 
@@ -46,58 +47,107 @@ pub(super) fn write_exact_hits(
 /// Writes the hits of the lanes in `hits` on the triangles in these slots. Returns the lanes whose ray misses its
 /// triangle.
 #[inline(always)]
-fn recompute(
-    isa: impl SimdLevel,
+fn recompute<I: SimdLevel>(
+    isa: I,
     tree: TreeView,
     packet: &mut RayPacket,
     hits: u32,
     slots: &Lanes<u32>,
 ) -> u32 {
-    // Fetch each triangle once for all its lanes; lanes without a hit keep the first one, which avoids branches
-    let sixteen = isa.sixteen();
-    let lane_slots = Floats::load(sixteen, bytemuck::cast_ref(slots));
-    let mut numbers = splat(sixteen, 0.0);
-    let mut corners = [[numbers; 3]; 3];
-    let mut remaining = hits;
-    while remaining != 0 {
-        let slot = slots[remaining.trailing_zeros() as usize % LANES];
-        let own = lane_slots.eq_bits(splat(sixteen, f32::from_bits(slot))).bits();
-        let mask = LaneMask::of_bits(sixteen, if remaining == hits { u32::MAX } else { own });
-        let triangle = tree.triangle_at(slot);
-        numbers = mask.select(splat(sixteen, f32::from_bits(triangle.number)), numbers);
+    // Take as many rays together as a register holds
+    if I::HAS_SIXTEEN {
+        let part = PacketPart::<LANES>::new(packet, slots, 0, hits);
+        return part.recompute((isa, isa.sixteen()), tree, packet);
+    }
+    let mut missed = 0;
+    for index in 0..2 {
+        let hits = hits >> (8 * index) & 0xff;
+        if hits != 0 {
+            let part = PacketPart::<8>::new(packet, slots, index, hits);
+            missed |= part.recompute((isa, isa.eight()), tree, packet) << (8 * index);
+        }
+    }
+    missed
+}
+
+/// Rays of a part of a packet, with the triangles that they hit.
+struct PacketPart<const N: usize> {
+    /// Index of the part.
+    index: usize,
+    /// Mask of the rays with hits, which are some.
+    hits: u32,
+    /// Slots of the triangles, as bits.
+    slots: [f32; N],
+    origin: [[f32; N]; 3],
+    direction: [[f32; N]; 3],
+    /// Intervals of the rays: both ends.
+    interval: [[f32; N]; 2],
+}
+
+impl<const N: usize> PacketPart<N> {
+    /// Copies the rays of a part.
+    #[inline(always)]
+    fn new(packet: &RayPacket, slots: &Lanes<u32>, index: usize, hits: u32) -> PacketPart<N> {
+        PacketPart {
+            index,
+            hits,
+            slots: *part_of(bytemuck::cast_ref(slots), index),
+            origin: axes_of(&packet.origin, index),
+            direction: axes_of(&packet.direction, index),
+            interval: [*part_of(&packet.t_near, index), *part_of(&packet.t_far, index)],
+        }
+    }
+
+    /// Writes the hits into the packet; returns the lanes whose ray misses its triangle.
+    #[inline(always)]
+    fn recompute<W: WideLevel<N>>(
+        &self,
+        (isa, wide): (impl SimdLevel, W),
+        tree: TreeView,
+        packet: &mut RayPacket,
+    ) -> u32 {
+        // Fetch each triangle once for all its lanes; lanes without a hit keep the first one, which avoids branches
+        let lane_slots = Floats::load(wide, &self.slots);
+        let mut numbers = splat(wide, 0.0);
+        let mut corners = [[numbers; 3]; 3];
+        let mut remaining = self.hits;
+        while remaining != 0 {
+            let slot = self.slots[remaining.trailing_zeros() as usize % N];
+            let own = lane_slots.eq_bits(splat(wide, slot)).bits();
+            let is_first = remaining == self.hits;
+            let mask = LaneMask::of_bits(wide, if is_first { u32::MAX } else { own });
+            let triangle = tree.triangle_at(slot.to_bits());
+            numbers = mask.select(splat(wide, f32::from_bits(triangle.number)), numbers);
+            for corner in 0..3 {
+                for axis in 0..3 {
+                    let value = splat(wide, triangle.corners[corner][axis]);
+                    corners[corner][axis] = mask.select(value, corners[corner][axis]);
+                }
+            }
+            remaining &= !own;
+        }
+        // Store them as the reference test reads them
+        let mut corner_lanes = [[[0.0; N]; 3]; 3];
         for corner in 0..3 {
             for axis in 0..3 {
-                let value = splat(sixteen, triangle.corners[corner][axis]);
-                corners[corner][axis] = mask.select(value, corners[corner][axis]);
+                corner_lanes[corner][axis] = corners[corner][axis].to_array();
             }
         }
-        remaining &= !own;
+        // Intersect each ray with its triangle
+        let shears = ShearLanes::of_each(&self.origin, &self.direction);
+        let [t_near, t_far] = &self.interval;
+        let exact = shears.intersect_each(isa, &corner_lanes, t_near, t_far);
+        // Store the hits; the instance follows from the number
+        let found = PartHits {
+            mask: exact.mask & self.hits,
+            t: exact.t,
+            u: exact.u,
+            v: exact.v,
+            numbers: bits_of(&numbers.to_array()),
+        };
+        found.write(packet, self.index);
+        self.hits & !found.mask
     }
-    // Store them as the reference test reads them
-    let mut corner_lanes = [[[0.0; LANES]; 3]; 3];
-    for corner in 0..3 {
-        for axis in 0..3 {
-            corner_lanes[corner][axis] = corners[corner][axis].to_array();
-        }
-    }
-    // Intersect each ray with its triangle
-    let shears = ShearLanes::of_each(&packet.origin, &packet.direction);
-    let exact = shears.intersect_each(isa, &corner_lanes, &packet.t_near, &packet.t_far);
-    // Store the hits; the instance follows from the number
-    let found = exact.mask & hits;
-    let is_found = LaneMask::of_bits(sixteen, found);
-    for (new, old) in [
-        (&exact.t, &mut packet.t_far),
-        (&exact.u, &mut packet.u),
-        (&exact.v, &mut packet.v),
-        (&numbers.to_array(), bytemuck::cast_mut(&mut packet.primitive)),
-        (&[0.0; LANES], bytemuck::cast_mut(&mut packet.instance)),
-    ] {
-        *old = is_found
-            .select(Floats::load(sixteen, new), Floats::load(sixteen, old))
-            .to_array();
-    }
-    hits & !found
 }
 
 #[cfg(test)]

@@ -9,7 +9,7 @@
 
 use std::ops::{Add, Mul, Sub};
 
-use crate::accel::{LANES, RayPacket};
+use crate::accel::RayPacket;
 use crate::mesh::simd::{Floats, WideLevel, lanes};
 use crate::mesh::triangle::Shear;
 
@@ -17,6 +17,7 @@ use super::decide::LaneTriangles;
 use super::frame::{GroupFrame, splat};
 use super::projection::GroupProjection;
 use crate::accel::native::layout::LeafBlock;
+use crate::accel::native::packet_part::{PartIndex, part_of};
 
 /// Error of a distance from a plane relative to the sum of the magnitudes of its products: 16 units of roundoff,
 /// rounded up.
@@ -25,8 +26,8 @@ const PLANE_ERROR: f32 = 1e-6;
 /// Rays of a test's lanes, as their index in the packets of the group.
 #[derive(Clone, Copy)]
 pub(super) enum LaneRays {
-    /// Rays of a packet.
-    Packet(usize),
+    /// Rays of a part of a packet.
+    Part(PartIndex),
     /// The same ray in all lanes: its packet, and its lane there.
     One { packet: usize, lane: usize },
 }
@@ -163,32 +164,33 @@ pub(super) struct StartTest<'a, W: WideLevel<N>, const N: usize> {
     from_origin: u32,
 }
 
-impl<'a, W: WideLevel<LANES>> StartTest<'a, W, LANES> {
-    /// Compares the rays of a packet with one triangle of a block.
+impl<'a, W: WideLevel<N>, const N: usize> StartTest<'a, W, N> {
+    /// Compares the rays of a part of a packet with one triangle of a block.
     #[inline(always)]
-    pub(super) fn of_packet<J: GroupProjection>(
+    pub(super) fn of_part<J: GroupProjection>(
         level: W,
         frame: &GroupFrame,
         packets: &'a [RayPacket],
-        packet: usize,
+        part: PartIndex,
         block: &'a LeafBlock,
         triangle: usize,
-    ) -> StartTest<'a, W, LANES> {
-        let rays = &packets[packet];
+    ) -> StartTest<'a, W, N> {
+        let (rays, index) = (&packets[part.packet], part.index);
         let mut start = [splat(level, 0.0); 3];
         for axis in 0..3 {
-            start[axis] = Floats::load(level, &rays.origin[axis]);
+            start[axis] = Floats::load(level, part_of(&rays.origin[axis], index));
         }
+        let t_near = Floats::load(level, part_of(&rays.t_near, index));
         let corners = block.triangles.triangle(triangle % 8);
         StartTest {
             block,
             triangles: LaneTriangles::One(triangle),
             packets,
-            rays: LaneRays::Packet(packet),
+            rays: LaneRays::Part(part),
             level,
             plane: TrianglePlane::new::<J>(corners, light_of::<J>(frame), 0.0).splat(level),
             start,
-            from_origin: Floats::load(level, &rays.t_near).le(splat(level, 0.0)).bits(),
+            from_origin: t_near.le(splat(level, 0.0)).bits(),
         }
     }
 }
@@ -264,7 +266,7 @@ impl<W: WideLevel<N>, const N: usize> StartTest<'_, W, N> {
         for lane in lanes(mask) {
             // Find the lane's ray and triangle
             let (packet, ray_lane) = match self.rays {
-                LaneRays::Packet(packet) => (packet, lane),
+                LaneRays::Part(PartIndex { packet, index }) => (packet, N * index + lane),
                 LaneRays::One { packet, lane } => (packet, lane),
             };
             let ray = self.packets[packet].ray(ray_lane);

@@ -15,7 +15,7 @@
 //! error, which [`compare_with_instancing`] and [`compare_occlusion_with_instancing`] allow for by the bound of
 //! `TransformError`.
 //!
-//! Groups of shadow rays compute in a frame about their common end ([`RayArithmetic::Group`]), so their errors are
+//! Groups of shadow rays compute in a frame about their common end (`RayArithmetic::Group`), so their errors are
 //! relative to the distance from it: [`compare_occlusion_in_group`] allows for them.
 //!
 //! Analytic shapes are computed in f64 by one function, so a backend with a different result for one is wrong.

@@ -75,31 +75,33 @@ impl RayWorkload {
         sets
     }
 
-    /// Returns a set of the packets with at least one traceable ray, as of one query; of too many an even selection.
-    fn new(kind: RayKind, packets: Vec<RayPacket>) -> RayWorkload {
-        RayWorkload::of_queries(kind, packets, &[0])
+    /// Returns a set of the packets with at least one traceable ray; of too many an even selection.
+    fn new(kind: RayKind, mut packets: Vec<RayPacket>) -> RayWorkload {
+        packets.iter_mut().for_each(drop_idle_lanes);
+        packets.retain(RayPacket::any_active);
+        RayWorkload::of_batches(kind, packets)
     }
 
-    /// Returns a set of the packets with at least one traceable ray, of queries that start with these packets; of too many
-    /// an even selection.
-    fn of_queries(kind: RayKind, mut packets: Vec<RayPacket>, starts: &[usize]) -> RayWorkload {
+    /// Returns the set as [`RayWorkload::new`] does, where each query, which starts with one of these packets, begins a
+    /// batch.
+    fn of_queries(kind: RayKind, packets: Vec<RayPacket>, starts: &[usize]) -> RayWorkload {
         let mut kept = Vec::with_capacity(packets.len());
-        let ends = starts.iter().skip(1).copied().chain([packets.len()]);
-        for (&start, end) in starts.iter().zip(ends) {
-            for packet in &mut packets[start..end] {
-                // The raw calls do not check rays, so untraceable ones are removed here
-                packet.drop_untraceable();
-                empty_idle_lanes(packet);
-                if packet.any_active() {
-                    kept.push(packet.clone());
-                }
-            }
-            // Let the next query begin a batch
-            if end < packets.len() {
+        let mut starts = starts.iter().peekable();
+        for (index, mut packet) in packets.into_iter().enumerate() {
+            // Fill up the batch of the query before
+            if starts.next_if(|&&start| start <= index).is_some() {
                 kept.resize(kept.len().next_multiple_of(BATCH_PACKETS), RayPacket::EMPTY);
             }
+            drop_idle_lanes(&mut packet);
+            if packet.any_active() {
+                kept.push(packet);
+            }
         }
-        let packets = select_evenly(kept, MAX_PACKETS);
+        RayWorkload::of_batches(kind, kept)
+    }
+
+    fn of_batches(kind: RayKind, packets: Vec<RayPacket>) -> RayWorkload {
+        let packets = select_evenly(packets, MAX_PACKETS);
         let active = |packet: &RayPacket| (0..LANES).filter(|&lane| packet.is_active(lane)).count() as u64;
         RayWorkload {
             kind,
@@ -164,9 +166,11 @@ impl RayWorkload {
     }
 }
 
-/// Gives inactive lanes an empty interval: on a processor with packets of at most eight lanes, Embree decides by the
-/// intervals alone which lanes of a packet of sixteen to trace, and the other values of these lanes are undefined.
-fn empty_idle_lanes(packet: &mut RayPacket) {
+/// Deactivates lanes whose rays are not traceable, as raw calls do not check them, and gives inactive lanes an empty
+/// interval: on a processor with packets of at most eight lanes, Embree decides by the intervals alone which lanes of a
+/// packet of sixteen to trace, and the other values of these lanes are undefined.
+fn drop_idle_lanes(packet: &mut RayPacket) {
+    packet.drop_untraceable();
     for lane in 0..LANES {
         if !packet.is_active(lane) {
             packet.t_far[lane] = f32::NEG_INFINITY;
@@ -260,7 +264,13 @@ mod tests {
     fn each_query_begins_a_batch() {
         let mut filled = RayPacket::EMPTY;
         filled.set(3, &Ray::new(Vec3::ZERO, Vec3::X));
-        let packets = vec![filled.clone(), RayPacket::EMPTY, filled.clone(), filled.clone(), filled];
+        let packets = vec![
+            filled.clone(),
+            RayPacket::EMPTY,
+            filled.clone(),
+            filled.clone(),
+            filled,
+        ];
         // The first query has two packets with rays, the second one, and the third one.
         let set = RayWorkload::of_queries(RayKind::Shadow, packets, &[0, 3, 4]);
         let is_filled: Vec<bool> = set.packets.iter().map(RayPacket::any_active).collect();

@@ -290,8 +290,10 @@ impl SimdKernel for HitNames<'_> {
                 let own = LaneMask::of_bits(sixteen, own);
                 let start = own.select(Floats::splat(sixteen, f32::from_bits(run.first)), zero);
                 let instance = own.select(Floats::splat(sixteen, f32::from_bits(run.instance)), zero);
-                let [start, instance]: [Lanes<u32>; 2] =
-                    [bytemuck::cast(start.to_array()), bytemuck::cast(instance.to_array())];
+                let [start, instance]: [Lanes<u32>; 2] = [
+                    bytemuck::cast(start.to_array()),
+                    bytemuck::cast(instance.to_array()),
+                ];
                 for lane in 0..LANES {
                     packet.primitive[lane] -= start[lane];
                     packet.instance[lane] |= instance[lane];

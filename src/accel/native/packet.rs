@@ -11,7 +11,6 @@ use crate::mesh::triangle::{
     AxisOrders, HitLanes, OwnAxes, PACK, ShearLanes, ShearedVertex, may_contain_origin,
 };
 
-
 use super::layout::{ChildLink, NO_NUMBER, NativeNode, TreeView, WIDTH};
 use super::packet_part::{PartHits, axes_of, bits_of, part_of, write_lanes};
 use super::single;

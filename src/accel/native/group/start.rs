@@ -9,7 +9,7 @@
 
 use std::ops::{Add, Mul, Sub};
 
-use crate::accel::RayPacket;
+use crate::accel::{LANES, RayPacket};
 use crate::mesh::simd::{Floats, WideLevel, lanes};
 use crate::mesh::triangle::Shear;
 
@@ -17,7 +17,6 @@ use super::decide::LaneTriangles;
 use super::frame::{GroupFrame, splat};
 use super::projection::GroupProjection;
 use crate::accel::native::layout::LeafBlock;
-use crate::accel::native::packet_part::{PartIndex, part_of};
 
 /// Error of a distance from a plane relative to the sum of the magnitudes of its products: 16 units of roundoff,
 /// rounded up.
@@ -26,8 +25,8 @@ const PLANE_ERROR: f32 = 1e-6;
 /// Rays of a test's lanes, as their index in the packets of the group.
 #[derive(Clone, Copy)]
 pub(super) enum LaneRays {
-    /// Rays of a part of a packet.
-    Part(PartIndex),
+    /// Rays of a packet.
+    Packet(usize),
     /// The same ray in all lanes: its packet, and its lane there.
     One { packet: usize, lane: usize },
 }
@@ -164,33 +163,32 @@ pub(super) struct StartTest<'a, W: WideLevel<N>, const N: usize> {
     from_origin: u32,
 }
 
-impl<'a, W: WideLevel<N>, const N: usize> StartTest<'a, W, N> {
-    /// Compares the rays of a part of a packet with one triangle of a block.
+impl<'a, W: WideLevel<LANES>> StartTest<'a, W, LANES> {
+    /// Compares the rays of a packet with one triangle of a block.
     #[inline(always)]
-    pub(super) fn of_part<J: GroupProjection>(
+    pub(super) fn of_packet<J: GroupProjection>(
         level: W,
         frame: &GroupFrame,
         packets: &'a [RayPacket],
-        part: PartIndex,
+        packet: usize,
         block: &'a LeafBlock,
         triangle: usize,
-    ) -> StartTest<'a, W, N> {
-        let (rays, index) = (&packets[part.packet], part.index);
+    ) -> StartTest<'a, W, LANES> {
+        let rays = &packets[packet];
         let mut start = [splat(level, 0.0); 3];
         for axis in 0..3 {
-            start[axis] = Floats::load(level, part_of(&rays.origin[axis], index));
+            start[axis] = Floats::load(level, &rays.origin[axis]);
         }
-        let t_near = Floats::load(level, part_of(&rays.t_near, index));
         let corners = block.triangles.triangle(triangle % 8);
         StartTest {
             block,
             triangles: LaneTriangles::One(triangle),
             packets,
-            rays: LaneRays::Part(part),
+            rays: LaneRays::Packet(packet),
             level,
             plane: TrianglePlane::new::<J>(corners, light_of::<J>(frame), 0.0).splat(level),
             start,
-            from_origin: t_near.le(splat(level, 0.0)).bits(),
+            from_origin: Floats::load(level, &rays.t_near).le(splat(level, 0.0)).bits(),
         }
     }
 }
@@ -266,7 +264,7 @@ impl<W: WideLevel<N>, const N: usize> StartTest<'_, W, N> {
         for lane in lanes(mask) {
             // Find the lane's ray and triangle
             let (packet, ray_lane) = match self.rays {
-                LaneRays::Part(PartIndex { packet, index }) => (packet, N * index + lane),
+                LaneRays::Packet(packet) => (packet, lane),
                 LaneRays::One { packet, lane } => (packet, lane),
             };
             let ray = self.packets[packet].ray(ray_lane);

@@ -1,6 +1,8 @@
 //! Diffuse reflection and transmission alone: the weights of rays from diffuse surfaces, and what ambient light adds to
 //! surfaces that send such rays.
 
+use std::f32::consts::PI;
+
 use multiversion::multiversion;
 
 use super::anisotropic_lobe::dot;
@@ -55,6 +57,20 @@ fn full_weights(
     wi: &Lanes3<f32>,
 ) -> Lanes3<f32> {
     weight_lanes::<true, false>(material, ns, wo, wi)
+}
+
+/// Evaluates [`direct_combined`](super::direct_combined) where no lane has a lobe: its bits, as what the lobe takes and adds
+/// is 0.
+#[inline(always)]
+pub(super) fn diffuse_direct(material: &MaterialPacket, ns: &Lanes3<f32>, wi: &Lanes3<f32>) -> Lanes3<f32> {
+    let mut reflected = [[0.0; LANES]; 3];
+    for l in 0..LANES {
+        let n_dot_l = dot([ns[0][l], ns[1][l], ns[2][l]], [wi[0][l], wi[1][l], wi[2][l]]).max(0.0);
+        for channel in 0..3 {
+            reflected[channel][l] = material.c_diff::<true>(channel, l) * (1.0 / PI) * n_dot_l;
+        }
+    }
+    reflected
 }
 
 /// Evaluates all lanes: with the parameters that few materials use if `EXTENDED`, with thin films if `SPECIAL`.
@@ -137,6 +153,17 @@ impl MaterialPacket {
         }
     }
 
+    /// Returns whether no lane reflects specularly, at any angle.
+    #[inline(always)]
+    pub(super) fn is_diffuse_only(&self) -> bool {
+        // Sums and maxima of floats have an order, which the compiler keeps; bits have none
+        let mut bits = 0;
+        for l in 0..LANES {
+            bits |= self.metallic[l].to_bits() | self.extended.specular[l].to_bits();
+        }
+        bits == 0
+    }
+
     /// Returns whether light samples light the surface in lane `l`: by its diffuse part, or by a lobe that no ray samples.
     pub fn scatters_light_samples(&self, l: usize) -> bool {
         // The Phong model has a highlight where no reflected ray shows it
@@ -172,5 +199,50 @@ impl MaterialPacket {
             }
         }
         shares
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::numeric::SplitMix64;
+    use crate::shading::metallic_roughness::direct_combined;
+
+    #[test]
+    fn surfaces_without_lobes_have_the_bits_of_the_whole_model() {
+        let mut random = SplitMix64::new(7, 0);
+        let mut lit_count = 0;
+        for _ in 0..100 {
+            // Choose materials without lobes, and directions
+            let mut diffuse = MaterialPacket::BLACK;
+            let mut directions = [[[0.0; LANES]; 3]; 3];
+            for l in 0..LANES {
+                diffuse.roughness[l] = random.unit() as f32;
+                diffuse.extended.specular[l] = 0.0;
+                for channel in 0..3 {
+                    diffuse.base_color[channel][l] = random.unit() as f32;
+                }
+                for vectors in &mut directions {
+                    let direction = random.direction().as_vec3();
+                    for axis in 0..3 {
+                        vectors[axis][l] = direction[axis];
+                    }
+                }
+            }
+            // Give the last lane a lobe, with which all lanes are evaluated by the whole model
+            let mut mixed = diffuse.clone();
+            mixed.extended.specular[LANES - 1] = 1.0;
+            assert!(diffuse.is_diffuse_only() && !mixed.is_diffuse_only());
+            let [ns, wo, wi] = &directions;
+            let alone = direct_combined::<true>(&diffuse, ns, wo, wi, None);
+            let among = direct_combined::<true>(&mixed, ns, wo, wi, None);
+            for channel in 0..3 {
+                let bits = |lanes: &Lanes<f32>| lanes.map(f32::to_bits);
+                let [alone, among] = [bits(&alone[channel]), bits(&among[channel])];
+                assert_eq!(alone[..LANES - 1], among[..LANES - 1]);
+                lit_count += alone.iter().filter(|&&bits| bits != 0).count();
+            }
+        }
+        assert!(lit_count > 1000, "{lit_count}");
     }
 }

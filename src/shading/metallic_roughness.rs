@@ -17,6 +17,7 @@ use multiversion::multiversion;
 
 use super::LobeAlbedo;
 use super::anisotropic_lobe::{AnisotropicLobe, dot};
+use super::diffuse::diffuse_direct;
 use super::material::{DEFAULT_F0, MaterialPacket};
 use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::scene::{Effect, MIRROR_ROUGHNESS};
@@ -31,17 +32,6 @@ impl MaterialPacket {
         } else {
             scattered
         }
-    }
-
-    /// Returns whether no lane reflects specularly, at any angle.
-    #[inline(always)]
-    fn is_diffuse_only(&self) -> bool {
-        // Sums and maxima of floats have an order, which the compiler keeps; bits have none
-        let mut bits = 0;
-        for l in 0..LANES {
-            bits |= self.metallic[l].to_bits() | self.extended.specular[l].to_bits();
-        }
-        bits == 0
     }
 
     /// Returns the albedo of diffuse transmission to the other side of a thin surface, as a fraction of the light not
@@ -289,26 +279,11 @@ pub fn direct_combined<const EXTENDED: bool>(
     if EXTENDED && material.effects.has_special_lobes() {
         return special_direct(material, ns, wo, wi, ratios);
     }
-    if EXTENDED && material.is_diffuse_only() {
-        return diffuse_direct(material, ns, wi);
-    }
     match ratios {
+        _ if EXTENDED && material.is_diffuse_only() => diffuse_direct(material, ns, wi),
         Some(ratios) if EXTENDED => direct_lanes::<true, false, true>(material, ns, wo, wi, (ratios, None)),
         _ => direct_lanes::<EXTENDED, false, false>(material, ns, wo, wi, (&[0.0; LANES], None)),
     }
-}
-
-/// Evaluates [`direct_combined`] where no lane has a lobe: its bits, as what the lobe takes and adds is 0.
-#[inline(always)]
-fn diffuse_direct(material: &MaterialPacket, ns: &Lanes3<f32>, wi: &Lanes3<f32>) -> Lanes3<f32> {
-    let mut reflected = [[0.0; LANES]; 3];
-    for l in 0..LANES {
-        let n_dot_l = dot([ns[0][l], ns[1][l], ns[2][l]], [wi[0][l], wi[1][l], wi[2][l]]).max(0.0);
-        for channel in 0..3 {
-            reflected[channel][l] = material.c_diff::<true>(channel, l) * (1.0 / PI) * n_dot_l;
-        }
-    }
-    reflected
 }
 
 /// Evaluates [`direct_combined`] with anisotropic lobes and thin films. Not inlined, so that scenes without them keep their

@@ -82,8 +82,8 @@ impl RayWorkload {
         RayWorkload::of_batches(kind, packets)
     }
 
-    /// Returns the set as [`RayWorkload::new`] does, where each query, which starts with one of these packets, begins a
-    /// batch.
+    /// Returns the set as [`RayWorkload::new`] does, but starts a new batch with each query. `starts` are the indices of
+    /// the first packet of each query, in ascending order.
     fn of_queries(kind: RayKind, packets: Vec<RayPacket>, starts: &[usize]) -> RayWorkload {
         let mut kept = Vec::with_capacity(packets.len());
         let mut starts = starts.iter().peekable();

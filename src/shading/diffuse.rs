@@ -59,8 +59,9 @@ fn full_weights(
     weight_lanes::<true, false>(material, ns, wo, wi)
 }
 
-/// Evaluates [`direct_combined`](super::direct_combined) where no lane has a lobe: its bits, as what the lobe takes and adds
-/// is 0.
+/// Evaluates [`direct_combined`](super::direct_combined) where no lane has a lobe.
+///
+/// The result has the same bits, as what the lobe takes and adds is 0.
 #[inline(always)]
 pub(super) fn diffuse_direct(material: &MaterialPacket, ns: &Lanes3<f32>, wi: &Lanes3<f32>) -> Lanes3<f32> {
     let mut reflected = [[0.0; LANES]; 3];

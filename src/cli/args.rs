@@ -46,7 +46,7 @@ pub(super) use view::ViewArgs;
 use whit::accel::{Backend, BuildQuality, Instancing, Precision};
 use whit::batch::request::AovGroup;
 use whit::image::ImageFormat;
-use whit::render::{FilterKind, MIN_ADAPTIVE_ERROR, Pattern, PixelFilter};
+use whit::render::{FilterKind, MIN_ADAPTIVE_ERROR, MIN_EDGE_CONTRAST, Pattern, PixelFilter};
 use whit::scene::image_settings::{self, DEFAULT_DEPTH, DEFAULT_SPP, DEFAULT_WAVELENGTHS, MAX_EXPOSURE};
 use whit::scene::{EffectOverrides, MAX_ROUGH_RAYS};
 /// Default image size, where neither the command line nor the scene gives one.
@@ -138,6 +138,7 @@ Examples:
   whit render a.glb b.gltf --out images --format exr
   whit render scene.glb -o scene.png --spp 64 --pattern sobol --filter mitchell
   whit render scene.glb -o scene.exr --adaptive 0.005 --spp 1024 --aov samples
+  whit render mesh.glb -o mesh.png --edge-contrast 0.03
   whit render scene.toml -o scene.png --effects=-dispersion,-transparent-shadow
   whit render scene.toml -o scene.png --settings scene.cost/settings.toml
   whit render scene.toml -o scene.png --error 0.01
@@ -190,17 +191,17 @@ pub(super) struct RenderArgs {
     pub(super) leaving: RayOffsetArgs,
 
     /// Read the settings from a file that `whit cost --out` wrote, in place of flags
-    #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["spp", "pattern", "adaptive", "depth", "wavelengths", "backend", "precision", "instancing", "build_quality", "compact", "spawn", "hit_points", "rough_rays"])]
+    #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["spp", "pattern", "adaptive", "edge_contrast", "depth", "wavelengths", "backend", "precision", "instancing", "build_quality", "compact", "spawn", "hit_points", "rough_rays"])]
     pub(super) settings: Option<PathBuf>,
 
     /// Choose the fastest settings whose RMSE as displayed (black is 0, white 1) is at most this, by rendering parts of
     /// the image; the flags for samples and other settings are the start of the search
-    #[arg(long, value_name = "RMSE", value_parser = cost::error, conflicts_with_all = ["settings", "adaptive", "max_time"])]
+    #[arg(long, value_name = "RMSE", value_parser = cost::error, conflicts_with_all = ["settings", "adaptive", "edge_contrast", "max_time"])]
     pub(super) error: Option<f64>,
 
     /// Choose the most accurate settings at which the image takes at most this many seconds, without loading and
     /// building
-    #[arg(long, value_name = "SECONDS", value_parser = cost::seconds, conflicts_with_all = ["settings", "adaptive"])]
+    #[arg(long, value_name = "SECONDS", value_parser = cost::seconds, conflicts_with_all = ["settings", "adaptive", "edge_contrast"])]
     pub(super) max_time: Option<f64>,
 
     /// Seconds that the search for settings may take
@@ -259,8 +260,8 @@ pub(super) struct RenderArgs {
 /// Flags of pixel sampling.
 #[derive(Clone, Debug, ArgGroup)]
 pub(super) struct SamplingArgs {
-    /// Samples per pixel; with --adaptive the largest number that a pixel gets
-    #[arg(long, value_name = "N", help = or_scene("Samples per pixel; with --adaptive the largest number that a pixel gets", DEFAULT_SPP), value_parser = clap::value_parser!(u32).range(1..=MAX_SPP))]
+    /// Samples per pixel; with --adaptive and --edge-contrast the largest number that a pixel gets
+    #[arg(long, value_name = "N", help = or_scene("Samples per pixel; with --adaptive and --edge-contrast the largest number that a pixel gets", DEFAULT_SPP), value_parser = clap::value_parser!(u32).range(1..=MAX_SPP))]
     pub(super) spp: Option<u32>,
 
     /// Sampling pattern: positions of the samples in a pixel
@@ -287,6 +288,11 @@ pub(super) struct SamplingArgs {
     /// 0 and white 1, so 0.004 is one 8-bit code
     #[arg(long, value_name = "ERR", value_parser = adaptive_error)]
     pub(super) adaptive: Option<f64>,
+
+    /// Take --spp samples only of pixels that differ from a neighbour by more than this as displayed, and one of all
+    /// others; black is 0 and white 1, and 0.02 to 0.05 show no steps at edges
+    #[arg(long, value_name = "DIFF", value_parser = edge_contrast, conflicts_with = "adaptive")]
+    pub(super) edge_contrast: Option<f64>,
 
     /// Additional channels of EXR images; samples: their number and their variance in each pixel, as `samples` and
     /// `variance`; rays, time: rays and nanoseconds of each pixel, in total and by effect, as `rays`, `rays.shadow`,
@@ -530,6 +536,15 @@ fn adaptive_error(text: &str) -> Result<f64, String> {
         .filter(|error| (MIN_ADAPTIVE_ERROR..=1.0).contains(error))
         .ok_or_else(|| {
             format!("give an error from {MIN_ADAPTIVE_ERROR} to 1, as in 0.004 for one 8-bit code")
+        })
+}
+
+fn edge_contrast(text: &str) -> Result<f64, String> {
+    text.parse()
+        .ok()
+        .filter(|limit| (MIN_EDGE_CONTRAST..=1.0).contains(limit))
+        .ok_or_else(|| {
+            format!("give a difference from {MIN_EDGE_CONTRAST} to 1, as in 0.04 for ten 8-bit codes")
         })
 }
 

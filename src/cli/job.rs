@@ -185,6 +185,7 @@ impl RenderJob {
                     ..requested(&args.frame)
                 },
                 adaptive: args.sampling.adaptive,
+                edge_contrast: args.sampling.edge_contrast,
                 effects: args.effects.unwrap_or_default(),
                 aovs,
                 needs_costs: args.heat.is_some(),

@@ -11,7 +11,9 @@ use whit::batch::request::{
 use whit::cost::StudyResult;
 use whit::image::{self, Attribute, ImageChannel, ImageFormat, PngEncoding, ToneMap};
 use whit::parallel;
-use whit::render::{self, Exposure, FinishedTile, Monitor, Region, RenderSettings, Rendering, forecast_rays};
+use whit::render::{
+    self, EdgeContrast, Exposure, FinishedTile, Monitor, Region, RenderSettings, Rendering, forecast_rays,
+};
 use whit::report::cost::AimText;
 use whit::report::image_error::ImageErrorText;
 use whit::report::stats::{
@@ -153,6 +155,10 @@ fn render_one(
     let (rendering, render_seconds) = timed(|| {
         let backend = request.backend();
         let settings = RenderSettings {
+            edge_contrast: resolved
+                .settings
+                .edge_contrast
+                .map(|contrast| EdgeContrast { exposure, ..contrast }),
             error_exposure: job.estimates_error.then_some(exposure),
             ..resolved.settings
         };

@@ -105,7 +105,8 @@ impl<'s> RenderContext<'s> {
         accel: &'s dyn Accel,
         settings: &RenderSettings,
     ) -> RenderContext<'s> {
-        // Determine effects, view and sample layout
+        // Drop what is ignored, then determine effects, view and sample layout
+        let settings = &settings.without_ignored();
         let plan = Plan::new(scene, camera, &settings.effects);
         let effects = plan.effects();
         let view = camera.view(settings.width, settings.height);
@@ -181,9 +182,9 @@ impl<'s> RenderContext<'s> {
     /// Changes to `spp` samples per pixel of `pattern`, with other random numbers and without any output but the image.
     /// Ray cones stay as they are, so that textures are filtered alike.
     pub(super) fn set_samples(&mut self, seed: u32, spp: u32, pattern: Pattern) {
-        let filter = match self.settings.target() {
-            Some(_) => PixelFilter::default(),
-            None => self.settings.filter,
+        let filter = match self.settings.has_equal_counts() {
+            true => self.settings.filter,
+            false => PixelFilter::default(),
         };
         self.settings = RenderSettings {
             seed,
@@ -191,6 +192,7 @@ impl<'s> RenderContext<'s> {
             pattern,
             filter,
             adaptive: None,
+            edge_contrast: None,
             sample_aovs: false,
             layers: AovSet::NONE,
             light_layers: LightAovs::NONE,
@@ -201,12 +203,25 @@ impl<'s> RenderContext<'s> {
         (self.costs, self.thread_memory, self.screen_motion) = (None, None, None);
         self.mattes = MatteIds::of(self.scene, AovSet::NONE);
         self.light_sheet = LightGroups::new(LightAovs::NONE, &self.scene.lights, self.effects());
+        self.returns_sums = false;
+        self.lay_out_samples();
+    }
+
+    /// Changes to `spp` samples per pixel, with ray cones of their width.
+    pub(super) fn set_spp(&mut self, spp: u32) {
+        self.settings.spp = spp;
+        self.set_even_count(spp);
+        self.lay_out_samples();
+    }
+
+    /// Distributes the samples of the settings over pixels and packets.
+    fn lay_out_samples(&mut self) {
+        let RenderSettings { spp, pattern, .. } = self.settings;
         self.shape = PacketShape::for_samples(spp);
         self.pixels = self.shape.pixels();
         self.layout = SampleLayout::new(pattern, spp);
         self.groups = self.shape.groups(self.layout, spp);
         self.part = 0..self.groups.len();
-        self.returns_sums = false;
         self.precompute_offsets();
     }
 

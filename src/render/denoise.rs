@@ -8,14 +8,14 @@ use crate::image::{DenoiseError, DenoiseGuides, Denoiser};
 const GUIDES: [AovKind; 2] = [AovKind::Albedo, AovKind::Normal];
 
 impl RenderSettings {
-    /// Returns these settings with the layers that guide a denoiser; adaptive sampling, which has no layers, stays
-    /// without.
+    /// Returns these settings with the layers that guide a denoiser; with different numbers of samples per pixel,
+    /// which have no layers, they stay without.
     #[must_use]
     pub fn with_guides(self) -> RenderSettings {
         let layers = GUIDES.into_iter().fold(self.layers, AovSet::with);
-        match self.adaptive {
-            None => RenderSettings { layers, ..self },
-            Some(_) => self,
+        match self.adaptive.is_none() && self.edge_contrast.is_none() {
+            true => RenderSettings { layers, ..self },
+            false => self,
         }
     }
 }

@@ -6,6 +6,7 @@ use std::time::Instant;
 use super::adaptive::{self, Adaptive, Checkpoints};
 use super::aov::{AovBuffers, PixelCostBuffer, layer};
 use super::context::RenderContext;
+use super::edge_contrast;
 use super::film::{SampleAovs, SampleCounts, TileResult, tile_result, transparency};
 use super::monitor::{Cancelled, Monitor};
 use super::profile::{Category, Profiler, RenderProfile, Tally};
@@ -50,10 +51,10 @@ pub fn render_on(
     let setup_seconds = settings.ledger.then(|| start.elapsed().as_secs_f64());
     let scattered = frame.prepare_light(monitor)?;
     let ready_seconds = start.elapsed().as_secs_f64();
-    // Render the image with fixed or adaptive sample counts
+    // Render the image with adaptive sample counts or those that contrast and settings give
     let mut rendering = match settings.target() {
         Some(target) => render_adaptively(&mut frame, target, monitor, checkpoints)?,
-        None => render_uniformly(&frame, &Region::whole(settings), monitor)?,
+        None => render_region(&mut frame, &Region::whole(settings), monitor)?,
     };
     rendering.ready_seconds = ready_seconds;
     rendering.subsurface = frame.bodies.as_ref().map(|bodies| bodies.stats);
@@ -79,8 +80,20 @@ pub fn render_on(
     Ok(rendering)
 }
 
+/// Renders a rectangle, with `spp` samples in every pixel or in those at edges.
+pub(super) fn render_region(
+    frame: &mut RenderContext,
+    region: &Region,
+    monitor: &Monitor,
+) -> Result<Rendering, Cancelled> {
+    match frame.settings.contrast() {
+        Some(contrast) => edge_contrast::render(frame, contrast, region, monitor),
+        None => render_uniformly(frame, region, monitor),
+    }
+}
+
 /// Renders a rectangle with `spp` samples in every pixel.
-pub(super) fn render_uniformly(
+fn render_uniformly(
     frame: &RenderContext,
     region: &Region,
     monitor: &Monitor,

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::adaptive::{Adaptive, ROUND};
 use super::aov::{AovSet, LightAovs};
 use super::automatic_exposure::Exposure;
+use super::edge_contrast::EdgeContrast;
 use super::film::PixelFilter;
 use super::sampler::{Purpose, sample_2d};
 use crate::numeric::SpawnPolicy;
@@ -24,7 +25,7 @@ pub struct RenderSettings {
     pub width: u32,
     /// Number of rows; at least 1.
     pub height: u32,
-    /// Samples per pixel; at least 1. With `adaptive` this is the maximum.
+    /// Samples per pixel; at least 1. With `adaptive` or `edge_contrast` this is the maximum.
     pub spp: u32,
     /// Pattern of the sample positions in the pixel.
     pub pattern: Pattern,
@@ -39,17 +40,21 @@ pub struct RenderSettings {
     /// unequally. Has no effect up to 16 samples per pixel, the minimum that every pixel gets; needs a pattern that
     /// can be continued, so not a regular one.
     pub adaptive: Option<Adaptive>,
+    /// Contrast above which a pixel gets `spp` samples, and one otherwise; `None` gives `spp` to every pixel.
+    ///
+    /// Treats the filter as a box, as `adaptive` does. Has no effect with `adaptive`, or with one sample per pixel.
+    pub edge_contrast: Option<EdgeContrast>,
     /// True if [`Rendering::aovs`](super::Rendering::aovs) are computed. They change no bit of the image.
     pub sample_aovs: bool,
     /// Layers (AOVs) that [`Rendering::layers`](super::Rendering::layers) holds. They change no bit of the image.
-    /// They are ignored with `adaptive`.
+    /// They are ignored with `adaptive` and `edge_contrast`.
     pub layers: AovSet,
     /// Layers of light (per light or per effect), appended to [`Rendering::layers`](super::Rendering::layers). They
-    /// change no bit of the image. They need samples that count equally and for their own pixel only: with `adaptive`
-    /// or a `filter` other than a box they are ignored.
+    /// change no bit of the image. They need samples that count equally and for their own pixel only: with `adaptive`,
+    /// `edge_contrast` or a `filter` other than a box they are ignored.
     pub light_layers: LightAovs,
     /// Background at the end of camera rays that go straight into the distance. With a transparent one,
-    /// [`Rendering::alpha`](super::Rendering::alpha) is computed, except with `adaptive`.
+    /// [`Rendering::alpha`](super::Rendering::alpha) is computed, except with `adaptive` or `edge_contrast`.
     pub background: VisibleBackground,
     /// Largest number of reflections and refractions along a path; 0 for none.
     pub depth: u32,
@@ -87,6 +92,7 @@ impl Default for RenderSettings {
             seed: 0,
             filter: PixelFilter::default(),
             adaptive: None,
+            edge_contrast: None,
             sample_aovs: false,
             layers: AovSet::NONE,
             light_layers: LightAovs::NONE,
@@ -136,7 +142,7 @@ impl RenderSettings {
 
     /// Returns the layers of light that can be computed with these settings.
     pub(super) fn wanted_light(&self) -> LightAovs {
-        if self.target().is_some() || !self.filter.is_box() {
+        if !(self.has_equal_counts() && self.filter.is_box()) {
             return LightAovs::NONE;
         }
         self.light_layers
@@ -144,7 +150,7 @@ impl RenderSettings {
 
     /// Returns whether the image gets an alpha channel.
     pub(super) fn has_alpha(&self) -> bool {
-        self.background == VisibleBackground::Transparent && self.target().is_none()
+        self.background == VisibleBackground::Transparent && self.has_equal_counts()
     }
 
     /// Returns the target of adaptive sampling, if `spp` allows more than the first round.
@@ -152,10 +158,34 @@ impl RenderSettings {
         self.adaptive.filter(|_| self.spp > ROUND)
     }
 
-    /// Returns the distance in pixels that a sample affects beyond its own pixel; adaptive sampling treats every filter
-    /// as a box.
+    /// Returns the contrast above which pixels get all samples, if some may get fewer.
+    pub(super) fn contrast(&self) -> Option<EdgeContrast> {
+        self.edge_contrast
+            .filter(|_| self.adaptive.is_none() && self.spp > 1)
+    }
+
+    /// Returns the settings without those that `edge_contrast` ignores.
+    pub(super) fn without_ignored(&self) -> RenderSettings {
+        match self.contrast() {
+            None => *self,
+            Some(_) => RenderSettings {
+                filter: PixelFilter::default(),
+                layers: AovSet::NONE,
+                light_layers: LightAovs::NONE,
+                ..*self
+            },
+        }
+    }
+
+    /// Returns whether every pixel gets the same number of samples.
+    pub(super) fn has_equal_counts(&self) -> bool {
+        self.target().is_none() && self.contrast().is_none()
+    }
+
+    /// Returns the distance in pixels that a sample affects beyond its own pixel; where pixels get different numbers of
+    /// samples, every filter is treated as a box.
     pub(super) fn reach(&self) -> u32 {
-        if self.filter.is_box() || self.target().is_some() {
+        if self.filter.is_box() || !self.has_equal_counts() {
             0
         } else {
             self.filter.reach() as u32

@@ -38,6 +38,8 @@ impl RenderSettings {
             true => film + 2 * size_of::<f32>() as u64,
             false => 0,
         };
-        (estimates + aovs + layers + light + costs) as u64 + self.filter.bytes_per_pixel() + alpha
+        // Pixels at edges are kept beside the image of first samples
+        let edges = self.contrast().map_or(0, |_| size_of::<[f32; 3]>());
+        (estimates + aovs + layers + light + costs + edges) as u64 + self.filter.bytes_per_pixel() + alpha
     }
 }

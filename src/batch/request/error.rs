@@ -57,24 +57,23 @@ pub enum RequestError {
     /// Radius of a box filter, which has none.
     #[error("a box filter always covers one pixel: leave out `--filter-radius` or choose another `--filter`")]
     BoxRadius,
-    /// Filter that adaptive sampling does not support.
+    /// Filter that the flag does not support.
     #[error(
-        "`--adaptive` gives pixels different numbers of samples, which only the box filter supports: leave out \
+        "`{0}` gives pixels different numbers of samples, which only the box filter supports: leave out \
          `--filter`, or give `--filter box` if the scene file has another"
     )]
-    AdaptiveFilter,
-    /// Transparent background, which adaptive sampling does not support.
+    UnequalCountsFilter(&'static str),
+    /// Transparent background, which the flag does not support.
     #[error(
-        "`--adaptive` does not measure the coverage that a transparent background needs: leave out `--adaptive`, or \
-         give another `--background`"
+        "`{0}` does not measure the coverage that a transparent background needs: leave out `{0}`, or give another \
+         `--background`"
     )]
-    AdaptiveAlpha,
-    /// Channels that adaptive sampling does not support.
+    UnequalCountsAlpha(&'static str),
+    /// Channels that the flag does not support.
     #[error(
-        "`--adaptive` supports only the channels `samples`, `rays` and `time`: give `--aov` only these, or leave out \
-         `--adaptive`"
+        "`{0}` supports only the channels `samples`, `rays` and `time`: give `--aov` only these, or leave out `{0}`"
     )]
-    AdaptiveChannels,
+    UnequalCountsChannels(&'static str),
     /// Sampling pattern that adaptive sampling does not support.
     #[error(
         "a regular pattern repeats the same samples in every round of `--adaptive`: choose another `--pattern`"

@@ -78,6 +78,9 @@ struct ImageRecord<'a> {
     filter: FilterKind,
     filter_radius: f64,
     seed: u32,
+    /// Contrast above which pixels have all samples.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    edge_contrast: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     ambient: Option<[f32; 3]>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -133,6 +136,7 @@ fn settings(request: &RenderRequest, resolved: &ResolvedSettings, camera: &Camer
         filter: resolved.settings.filter.kind,
         filter_radius: resolved.settings.filter.radius,
         seed: resolved.settings.seed,
+        edge_contrast: resolved.settings.edge_contrast.map(|contrast| contrast.limit),
         ambient: request.ambient,
         environment: request.environment.as_ref().map(EnvironmentRecord::of),
         effects_added: names(request.effects.added),

@@ -3,14 +3,16 @@
 use super::aov::AovGroup;
 use super::environment::EnvironmentRequest;
 use super::error::RequestError;
-use super::resolved::{ResolvedSettings, check_adaptive, check_light_layers, check_memory, render_settings};
+use super::resolved::{
+    ResolvedSettings, check_light_layers, check_memory, check_sample_counts, render_settings,
+};
 use super::scene_change::SceneChange;
 use super::settings::Settings;
 use super::tracing::{HitPath, TracingOptions};
 use crate::accel::Backend;
 use crate::image::{ExrEncoding, PngBits, ToneMap};
 use crate::numeric::SpawnPolicy;
-use crate::render::{Adaptive, HitPoint, LightAovs, RenderSettings};
+use crate::render::{Adaptive, EdgeContrast, Exposure, HitPoint, LightAovs, RenderSettings};
 use crate::scene::{CameraPlacement, Effect, EffectOverrides};
 use crate::scene_file::Output;
 
@@ -32,6 +34,9 @@ pub struct RenderRequest {
     pub output: Output,
     /// Target standard error of pixels for adaptive sampling; absent for a fixed number of samples.
     pub adaptive: Option<f64>,
+    /// Contrast with a neighbour, as displayed, above which a pixel gets all samples and below which one; absent for all
+    /// samples in every pixel.
+    pub edge_contrast: Option<f64>,
     /// Effects that are added or removed.
     pub effects: EffectOverrides,
     /// Groups of channels besides the colours.
@@ -71,6 +76,7 @@ impl RenderRequest {
         request.output.wavelengths = chosen.wavelengths.or(self.output.wavelengths);
         request.output.backend = chosen.backend.or(self.output.backend);
         request.adaptive = chosen.adaptive;
+        request.edge_contrast = None;
         if chosen.texture_filter == Some(false) {
             request.effects.removed = self.effects.removed.with(Effect::TextureFilter);
         }
@@ -140,6 +146,10 @@ impl RenderRequest {
                 error,
                 gain: f64::from(exposure_ev).exp2(),
             }),
+            edge_contrast: self.edge_contrast.map(|limit| EdgeContrast {
+                limit,
+                exposure: Exposure::Stops(exposure_ev),
+            }),
             sample_aovs: self.aovs.contains(&AovGroup::Samples),
             layers: self.aovs.iter().filter_map(|aov| aov.layers()).collect(),
             light_layers: LightAovs {
@@ -155,7 +165,7 @@ impl RenderRequest {
             weight_cutoff: self.cutoff.unwrap_or(usual.weight_cutoff),
             ..usual
         };
-        check_adaptive(&settings)?;
+        check_sample_counts(&settings)?;
         check_light_layers(&settings)?;
         // The number of lights is unknown here, so the check counts none.
         check_memory(&settings, 0)?;

@@ -73,22 +73,24 @@ pub fn check_memory(settings: &RenderSettings, light_count: usize) -> Result<(),
     }
 }
 
-/// Rejects adaptive sampling with settings that conflict with different numbers of samples per pixel.
-pub(super) fn check_adaptive(settings: &RenderSettings) -> Result<(), RequestError> {
-    if settings.adaptive.is_none() {
-        return Ok(());
-    }
+/// Rejects different numbers of samples per pixel with settings that conflict with them.
+pub(super) fn check_sample_counts(settings: &RenderSettings) -> Result<(), RequestError> {
+    let flag = match (settings.adaptive, settings.edge_contrast) {
+        (Some(_), _) => "--adaptive",
+        (None, Some(_)) => "--edge-contrast",
+        (None, None) => return Ok(()),
+    };
     if settings.filter.kind != FilterKind::Box {
-        return Err(RequestError::AdaptiveFilter);
+        return Err(RequestError::UnequalCountsFilter(flag));
     }
     if settings.background == VisibleBackground::Transparent {
-        return Err(RequestError::AdaptiveAlpha);
+        return Err(RequestError::UnequalCountsAlpha(flag));
     }
     if !(settings.layers.is_empty() && settings.light_layers.is_empty()) {
-        return Err(RequestError::AdaptiveChannels);
+        return Err(RequestError::UnequalCountsChannels(flag));
     }
     match settings.pattern {
-        Pattern::Regular => Err(RequestError::AdaptivePattern),
+        Pattern::Regular if settings.adaptive.is_some() => Err(RequestError::AdaptivePattern),
         _ => Ok(()),
     }
 }

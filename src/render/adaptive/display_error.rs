@@ -6,6 +6,10 @@
 
 use super::super::film::PixelStatistics;
 
+/// Offset r of the display curve, (√(x + r²) - r) (√(1 + r²) + r), that makes its slope at zero 12.92, as in
+/// IEC 61966-2-1: (√(1 + r²) + r) / (2 r) = 12.92.
+pub(in crate::render) const DISPLAY_ROOT: f64 = 0.0403;
+
 /// Statistics of a pixel in display values.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct DisplayError {
@@ -111,8 +115,7 @@ fn single_step(estimate: &PixelStatistics, end: usize, gain: f64) -> f64 {
 /// Returns approximately the sRGB value of a luminance, from 0 for black to 1 for white and beyond: within 0.07 of
 /// it, and with the same slope at black.
 pub(super) fn display_value(luminance: f64) -> f64 {
-    /// Offset that makes the slope at zero 12.92, as in IEC 61966-2-1: (√(1 + r²) + r) / (2 r) = 12.92.
-    const ROOT: f64 = 0.0403;
+    const ROOT: f64 = DISPLAY_ROOT;
     let shifted = |x: f64| (x + ROOT * ROOT).sqrt();
     (shifted(luminance.clamp(0.0, f64::INFINITY)) - ROOT) * (shifted(1.0) + ROOT)
 }

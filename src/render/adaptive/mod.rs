@@ -41,6 +41,7 @@ mod rounds;
 mod state;
 mod target;
 
+pub(super) use display_error::DISPLAY_ROOT;
 pub(super) use driver::{LOOK_BYTES, render};
 pub(super) use target::ROUND;
 

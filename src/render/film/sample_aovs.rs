@@ -22,6 +22,16 @@ impl SampleCounts {
         }
     }
 
+    /// Returns the numbers of samples in an image of which `edge_count` pixels have `spp` samples and all others one.
+    pub(in crate::render) fn of_edges(pixel_count: u64, edge_count: u64, spp: u32) -> SampleCounts {
+        let total = pixel_count - edge_count + edge_count * u64::from(spp);
+        SampleCounts {
+            total,
+            mean: total as f64 / pixel_count as f64,
+            max: if edge_count > 0 { spp } else { 1 },
+        }
+    }
+
     pub(in crate::render) fn of(estimates: &[PixelStatistics]) -> SampleCounts {
         let counts = || estimates.iter().map(|estimate| estimate.count);
         let total = counts().map(u64::from).sum();

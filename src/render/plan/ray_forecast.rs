@@ -6,7 +6,7 @@ use crate::render::lighting::LightDivision;
 use crate::render::settings::RenderSettings;
 use crate::scene::{Effect, LightKind, ValidScene};
 
-/// Share of samples that are expected to use the maximum of an adaptive render.
+/// Share of the largest number of samples that is expected where pixels get different numbers.
 const ADAPTIVE_SHARE: f64 = 0.25;
 /// Share of hits that are expected to lie on a surface that reflects or refracts, where some material does.
 const BOUNCE_SHARE: f64 = 0.5;
@@ -27,10 +27,9 @@ pub fn forecast_rays(scene: ValidScene, settings: &RenderSettings) -> RayForecas
     let effects = plan.effects();
     // Count camera rays
     let pixels = f64::from(settings.width) * f64::from(settings.height);
-    let share = if settings.adaptive.is_some() {
-        ADAPTIVE_SHARE
-    } else {
-        1.0
+    let share = match settings.adaptive.is_some() || settings.edge_contrast.is_some() {
+        true => ADAPTIVE_SHARE,
+        false => 1.0,
     };
     let samples = pixels * (share * f64::from(settings.spp)).max(1.0);
     let has_eye = camera.view(settings.width, settings.height).eye().is_some();

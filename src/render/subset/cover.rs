@@ -32,6 +32,24 @@ impl Cover {
         }
     }
 
+    /// Returns the tiles of a rectangle and of the pixels around it.
+    pub(in crate::render) fn with_neighbours(region: &Region, settings: &RenderSettings) -> Cover {
+        Cover {
+            inner: *region,
+            ..Cover::of(&region.with_neighbours(settings), settings)
+        }
+    }
+
+    /// Returns the first column and row of the rectangle that the tiles cover.
+    pub(in crate::render) fn corner(&self) -> [u32; 2] {
+        [self.outer.x, self.outer.y]
+    }
+
+    /// Returns the index of a pixel of the image in the rectangle that the tiles cover, row by row.
+    pub(in crate::render) fn index(&self, [x, y]: [u32; 2]) -> usize {
+        (y - self.outer.y) as usize * self.outer.width as usize + (x - self.outer.x) as usize
+    }
+
     /// Returns the width and height of the rectangle that the tiles cover.
     pub(in crate::render) fn size(&self) -> [u32; 2] {
         [self.outer.width, self.outer.height]

@@ -44,8 +44,8 @@ pub struct ImageError {
     pub interval: [f64; 2],
     /// Number of pixels that were rendered again.
     pub pixels: u64,
-    /// Factor of the samples for half the error; `None` where it is not measured: samples are adaptive, not of the Sobol
-    /// pattern, or two per pixel.
+    /// Factor of the samples for half the error; `None` where it is not measured: pixels have different numbers of samples,
+    /// these are not of the Sobol pattern, or two per pixel.
     pub samples_of_half_error: Option<f64>,
 }
 
@@ -122,7 +122,7 @@ pub(in crate::render) fn image_error(
         .zip(images[0].iter().zip(&images[1]))
         .map(|(&block, (a, b))| BlockSums::new(image, inner(block, &frame.settings), [a, b], gain))
         .collect();
-    let is_measured = settings.target().is_none() && settings.pattern == Pattern::Sobol;
+    let is_measured = settings.has_equal_counts() && settings.pattern == Pattern::Sobol;
     Ok(summary(&sums, is_measured.then_some(sample_ratio)))
 }
 

@@ -11,7 +11,7 @@ use std::ops::Range;
 use std::time::Instant;
 
 use super::super::context::RenderContext;
-use super::super::driver::{render_tiles, render_uniformly};
+use super::super::driver::{render_region, render_tiles};
 use super::super::film::{
     PixelStatistics, SampleAovs, TileResult, filtered_image, tile_result, weighted_mean,
 };
@@ -95,12 +95,13 @@ impl<'s> Parts<'s> {
         })
     }
 
-    /// Renders a rectangle of the finished image.
+    /// Renders a rectangle of the finished image. With [`RenderSettings::edge_contrast`] it should have the exposure in
+    /// stops, for an automatic one depends on the rectangle.
     pub fn region(&mut self, region: &Region, monitor: &Monitor) -> Result<Rendering, Cancelled> {
         let start = Instant::now();
         self.frame.part = 0..self.packet_count();
         self.frame.returns_sums = false;
-        let mut rendering = render_uniformly(&self.frame, region, monitor)?;
+        let mut rendering = render_region(&mut self.frame, region, monitor)?;
         // Include the preparation in the ledger of the first part
         rendering.ledger += std::mem::take(&mut self.ready);
         rendering.ready_seconds = std::mem::take(&mut self.ready_seconds);
@@ -110,7 +111,8 @@ impl<'s> Parts<'s> {
         Ok(rendering)
     }
 
-    /// Renders a share of the samples of a rectangle and returns their sums with the ledger.
+    /// Renders a share of the samples of a rectangle and returns their sums with the ledger; ignores
+    /// [`RenderSettings::edge_contrast`].
     pub fn sums(
         &mut self,
         region: &Region,
@@ -126,7 +128,8 @@ impl<'s> Parts<'s> {
         self.frame.groups.len()
     }
 
-    /// Renders some sample packets of the pixels of a rectangle and returns their sums with the ledger.
+    /// Renders some sample packets of the pixels of a rectangle and returns their sums with the ledger; ignores
+    /// [`RenderSettings::edge_contrast`].
     ///
     /// # Panics
     /// If `packets` is out of range.

@@ -137,7 +137,8 @@ fn complete_patches(settings: &RenderSettings) -> [u32; 2] {
 
 /// Renders the patches of the image that `settings` describe, in the current rayon pool.
 ///
-/// [`RenderSettings::sample_aovs`], [`RenderSettings::layers`] and [`RenderSettings::cost_aovs`] are ignored. `accel`
+/// [`RenderSettings::edge_contrast`], [`RenderSettings::sample_aovs`], [`RenderSettings::layers`] and
+/// [`RenderSettings::cost_aovs`] are ignored. `accel`
 /// must have been built from `scene`.
 pub fn render_patches(
     (scene, camera): (ValidScene, &Camera),
@@ -148,6 +149,7 @@ pub fn render_patches(
 ) -> Result<Rendering, Cancelled> {
     let start = Instant::now();
     let settings = RenderSettings {
+        edge_contrast: None,
         sample_aovs: false,
         layers: AovSet::NONE,
         light_layers: LightAovs::NONE,

@@ -61,6 +61,7 @@ pub fn probe(
     let settings = RenderSettings {
         spp: settings.spp.min(MAX_SPP),
         adaptive: None,
+        edge_contrast: None,
         sample_aovs: false,
         cost_aovs: false,
         ledger: true,

@@ -62,9 +62,8 @@ pub fn tile_count(width: u32, height: u32) -> usize {
 
 /// Renders `count` tiles, or all if there are fewer, in the current rayon pool.
 ///
-/// Every pixel gets all of its samples: [`RenderSettings::adaptive`] is ignored, as are
-/// [`RenderSettings::sample_aovs`] and [`RenderSettings::layers`]. `accel` must have been built
-/// from `scene`.
+/// Every pixel gets all of its samples: [`RenderSettings::adaptive`] and [`RenderSettings::edge_contrast`] are ignored, as
+/// are [`RenderSettings::sample_aovs`] and [`RenderSettings::layers`]. `accel` must have been built from `scene`.
 pub fn render_sample(
     (scene, camera): (ValidScene, &Camera),
     accel: &dyn Accel,
@@ -75,6 +74,7 @@ pub fn render_sample(
     let start = Instant::now();
     let settings = RenderSettings {
         adaptive: None,
+        edge_contrast: None,
         sample_aovs: false,
         layers: AovSet::NONE,
         light_layers: LightAovs::NONE,

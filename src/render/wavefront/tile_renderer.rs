@@ -77,12 +77,24 @@ impl<'f, 's> TileRenderer<'f, 's> {
         tile: Tile,
         planes: Option<&AovBuffers>,
     ) -> (TileResult, RenderProfile) {
+        let mut corners = block_corners(self.frame, tile);
+        self.render_blocks(tile, &mut corners, planes)
+    }
+
+    /// Renders the blocks of pixels with these corners within a tile, and returns the tile, in which the other pixels are
+    /// black, and its ledger; AOVs are written to `planes`.
+    pub(in crate::render) fn render_blocks(
+        &mut self,
+        tile: Tile,
+        corners: &mut dyn Iterator<Item = (u32, u32)>,
+        planes: Option<&AovBuffers>,
+    ) -> (TileResult, RenderProfile) {
         let frame = self.frame;
         let groups = &frame.groups[frame.part.clone()];
         let samples = frame.samples_taken();
         // Trace and shade all camera packets of the tile
         self.begin(tile);
-        for corner in block_corners(frame, tile) {
+        for corner in corners {
             for group in groups {
                 self.add_camera_packet(tile, corner, group);
             }
@@ -302,7 +314,10 @@ impl<'f, 's> TileRenderer<'f, 's> {
 
 /// Returns the corners of the blocks of pixels of a tile. Where queries have more packets than most, they follow Morton's
 /// curve, so that those of one query lie in a square.
-fn block_corners(frame: &RenderContext, tile: Tile) -> impl Iterator<Item = (u32, u32)> + use<> {
+pub(in crate::render) fn block_corners(
+    frame: &RenderContext,
+    tile: Tile,
+) -> impl Iterator<Item = (u32, u32)> + use<> {
     let side = frame.shape.block;
     let blocks = TILE / side;
     let is_morton = frame.batch > BATCH;

@@ -4,6 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use crate::support::cli_program::{fails_with, first_light, names_in, whit};
+use whit::image::rows::ExrScanlineReader;
 
 #[test]
 fn render_writes_a_png_and_prints_a_line_on_it_and_one_on_its_error() {
@@ -270,6 +271,37 @@ fn statistics_have_all_documented_keys() {
 }
 
 #[test]
+fn only_pixels_with_contrast_take_all_samples() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, stats) = (folder.path().join("a.exr"), folder.path().join("a.json"));
+    let flags = [
+        "--size=64x48",
+        "--edge-contrast=0.03",
+        "--aov=samples",
+        "--stats",
+        path(&stats),
+    ];
+    let run = whit(&[&["render", &first_light(), "-o", path(&out)], &flags[..]].concat());
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    // Count the pixels at edges in the file
+    let file = exr::prelude::read_first_flat_layer_from_file(&out).unwrap();
+    let channels = &file.layer_data.channel_data.list;
+    let counts: Vec<f32> = channels[3].sample_data.values_as_f32().collect();
+    let edge_count = counts.iter().filter(|&&count| count == 16.0).count() as u64;
+    assert!(counts.iter().all(|&count| count == 1.0 || count == 16.0));
+    assert!((500..2500).contains(&edge_count), "{edge_count}");
+    // Compare with the statistics and the record in the file
+    let stats: serde_json::Value = serde_json::from_slice(&fs::read(&stats).unwrap()).unwrap();
+    assert_eq!(stats["samples"]["total"], 64 * 48 + 15 * edge_count);
+    assert_eq!(stats["rays"]["camera"], 64 * 48 + 16 * edge_count);
+    let settings = ExrScanlineReader::open(&out)
+        .unwrap()
+        .note("whit.settings")
+        .unwrap();
+    assert!(settings.contains("\"edge_contrast\":0.03"), "{settings}");
+}
+
+#[test]
 fn adaptive_sample_counts_are_in_statistics_and_channels() {
     let folder = tempfile::tempdir().unwrap();
     let (out, stats) = (folder.path().join("a.exr"), folder.path().join("a.json"));
@@ -432,6 +464,7 @@ fn numbers_out_of_range_are_rejected_in_one_sentence() {
         ("--threads", "100000", "0..=1024"),
         ("--filter-radius", "0.5", "a radius from 1 to 4"),
         ("--adaptive", "0", "as in 0.004 for one 8-bit code"),
+        ("--edge-contrast", "0", "as in 0.04 for ten 8-bit codes"),
         ("--adaptive", "nan", "as in 0.004 for one 8-bit code"),
         ("--exposure", "nan", "stops from -100 to 100"),
         ("--ambient", "-1", "zero or more"),
@@ -472,6 +505,14 @@ fn conflicting_flags_are_rejected() {
             &["--adaptive=0.01", "--pattern=regular"],
             "choose another `--pattern`",
         ),
+        (
+            &["--edge-contrast=0.03", "--filter=tent"],
+            "`--edge-contrast` gives pixels different numbers of samples",
+        ),
+        (
+            &["--edge-contrast=0.03", "--background=transparent"],
+            "leave out `--edge-contrast`",
+        ),
     ] {
         fails_with(2, words, &[&render, flags].concat());
     }
@@ -486,6 +527,14 @@ fn conflicting_flags_are_rejected() {
         &["render", &scene][..],
         &["render", &scene, "-o", path(&out), "--no-such-flag"],
         &["render", &scene, "-o", path(&out), "--out", there],
+        &[
+            "render",
+            &scene,
+            "-o",
+            path(&out),
+            "--edge-contrast=0.03",
+            "--adaptive=0.01",
+        ],
         &["render", "-o", path(&out)],
         &["paint", &scene],
         &[],

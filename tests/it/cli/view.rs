@@ -153,23 +153,21 @@ fn wrong_environment_flags_are_refused() {
 
 #[test]
 fn crop_has_the_bits_of_the_whole_image() {
-    let whole = rendered(&["--environment", "studio", "--filter", "tent"]);
-    let part = rendered(&[
-        "--environment",
-        "studio",
-        "--filter",
-        "tent",
-        "--crop",
-        "5,7,11,13",
-    ]);
-    assert_eq!((part.width, part.height), (11, 13));
-    for y in 0..13 {
-        for x in 0..11 {
-            assert_eq!(
-                part.pixels[11 * y + x],
-                whole.pixels[24 * (y + 7) + x + 5],
-                "{x} {y}"
-            );
+    for flags in [
+        &["--environment", "studio", "--filter", "tent"][..],
+        &["--edge-contrast", "0.03", "--exposure", "0"],
+    ] {
+        let whole = rendered(flags);
+        let part = rendered(&[flags, &["--crop", "5,7,11,13"]].concat());
+        assert_eq!((part.width, part.height), (11, 13));
+        for y in 0..13 {
+            for x in 0..11 {
+                assert_eq!(
+                    part.pixels[11 * y + x],
+                    whole.pixels[24 * (y + 7) + x + 5],
+                    "{flags:?} {x} {y}"
+                );
+            }
         }
     }
 }

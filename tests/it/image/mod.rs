@@ -4,6 +4,7 @@ mod aovs;
 mod checkpoints;
 mod cryptomatte;
 mod denoise;
+mod edge_contrast;
 mod estimated_error;
 mod light_groups;
 mod patch_sampling;

@@ -10,7 +10,9 @@ use crate::support::sampling_scenes::{self, scenes};
 use crate::support::scene_folder;
 use clap::ValueEnum;
 use whit::accel::{self, AccelOptions, Backend};
-use whit::render::{Adaptive, FilterKind, Pattern, PixelFilter, RenderSettings, Rendering};
+use whit::render::{
+    Adaptive, EdgeContrast, Exposure, FilterKind, Pattern, PixelFilter, RenderSettings, Rendering,
+};
 use whit::scene::Scene;
 
 const SIZE: (u32, u32) = (96, 72);
@@ -64,7 +66,7 @@ fn sampling_bits_do_not_depend_on_thread_count() {
         pattern: Pattern::Jittered,
         ..settings(5)
     };
-    // Collect settings: every filter, every pattern, and adaptive sampling
+    // Collect settings: every filter, every pattern, adaptive sampling, and contrast
     let mut variants: Vec<RenderSettings> = FilterKind::value_variants()
         .iter()
         .copied()
@@ -80,6 +82,13 @@ fn sampling_bits_do_not_depend_on_thread_count() {
             ..adaptive(0.01, 100)
         });
     }
+    variants.push(RenderSettings {
+        edge_contrast: Some(EdgeContrast {
+            limit: 0.03,
+            exposure: Exposure::Automatic,
+        }),
+        ..settings(16)
+    });
     // Compare the bits for several numbers of threads
     for settings in variants {
         let settings = RenderSettings {

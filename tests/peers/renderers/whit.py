@@ -8,6 +8,8 @@ from peers.renderers import Renderer, Setting, Timing
 
 # The most samples that an adaptive pixel gets.
 ADAPTIVE_SPP = 1024
+# The displayed contrast with a neighbour from which a pixel takes all samples.
+EDGE_CONTRAST = 0.03
 
 
 class Whit(Renderer):
@@ -33,8 +35,9 @@ class Whit(Renderer):
         return {"whit": "; ".join(line.strip() for line in said.splitlines())}
 
     def samplers(self):
-        """Returns the default pattern, uniform and adaptive, by the default backend and by `auto`."""
-        return ["default", "default, adaptive", "default, auto", "default, adaptive, auto"]
+        """Returns the default pattern, uniform, adaptive and by contrast, by the default backend and by `auto`."""
+        ways = ["default", "default, adaptive", "default, contrast"]
+        return [*ways, *(way + ", auto" for way in ways)]
 
     def ladder(self, sampler):
         """Returns samples per pixel, or thresholds."""
@@ -57,6 +60,7 @@ class Whit(Renderer):
         command += ["--backend", "auto"] if "auto" in others else []
         if "adaptive" in others:
             return [*command, "--spp", str(ADAPTIVE_SPP), "--adaptive", str(setting.amount)]
+        command += ["--edge-contrast", str(EDGE_CONTRAST)] if "contrast" in others else []
         return [*command, "--spp", str(setting.spp)]
 
     def process(self, scene, setting):

@@ -20,6 +20,7 @@ mod verify;
 mod view;
 
 use std::fmt;
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -516,36 +517,29 @@ fn exposure(text: &str) -> Result<f32, String> {
 }
 
 fn budget(text: &str) -> Result<f64, String> {
-    text.parse()
-        .ok()
-        .filter(|seconds| (0.0..=MAX_BUDGET).contains(seconds))
-        .ok_or_else(|| format!("give seconds from 0 to {MAX_BUDGET}"))
+    within(text, 0.0..=MAX_BUDGET).ok_or_else(|| format!("give seconds from 0 to {MAX_BUDGET}"))
 }
 
 fn filter_radius(text: &str) -> Result<f64, String> {
     let (min, max) = (PixelFilter::MIN_RADIUS, PixelFilter::MAX_RADIUS);
-    text.parse()
-        .ok()
-        .filter(|radius| (min..=max).contains(radius))
-        .ok_or_else(|| format!("give a radius from {min} to {max} pixels"))
+    within(text, min..=max).ok_or_else(|| format!("give a radius from {min} to {max} pixels"))
 }
 
 fn adaptive_error(text: &str) -> Result<f64, String> {
-    text.parse()
-        .ok()
-        .filter(|error| (MIN_ADAPTIVE_ERROR..=1.0).contains(error))
-        .ok_or_else(|| {
-            format!("give an error from {MIN_ADAPTIVE_ERROR} to 1, as in 0.004 for one 8-bit code")
-        })
+    within(text, MIN_ADAPTIVE_ERROR..=1.0).ok_or_else(|| {
+        format!("give an error from {MIN_ADAPTIVE_ERROR} to 1, as in 0.004 for one 8-bit code")
+    })
 }
 
 fn edge_contrast(text: &str) -> Result<f64, String> {
-    text.parse()
-        .ok()
-        .filter(|limit| (MIN_EDGE_CONTRAST..=1.0).contains(limit))
-        .ok_or_else(|| {
-            format!("give a difference from {MIN_EDGE_CONTRAST} to 1, as in 0.04 for ten 8-bit codes")
-        })
+    within(text, MIN_EDGE_CONTRAST..=1.0).ok_or_else(|| {
+        format!("give a difference from {MIN_EDGE_CONTRAST} to 1, as in 0.04 for ten 8-bit codes")
+    })
+}
+
+/// Returns the number that a text gives, if it is one within the bounds.
+fn within(text: &str, bounds: RangeInclusive<f64>) -> Option<f64> {
+    text.parse().ok().filter(|number| bounds.contains(number))
 }
 
 #[cfg(test)]

@@ -105,8 +105,7 @@ impl<'s> RenderContext<'s> {
         accel: &'s dyn Accel,
         settings: &RenderSettings,
     ) -> RenderContext<'s> {
-        // Drop what is ignored, then determine effects, view and sample layout
-        let settings = &settings.without_ignored();
+        // Determine effects, view and sample layout
         let plan = Plan::new(scene, camera, &settings.effects);
         let effects = plan.effects();
         let view = camera.view(settings.width, settings.height);

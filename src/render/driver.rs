@@ -161,15 +161,21 @@ pub(super) fn render_tiles(
     };
     let rendered = parallel::map(tiles.len(), &render_tile);
     drop(waves);
-    // Merge the ledgers of tiles in tile order
+    merged(rendered)
+}
+
+/// Returns the results of tiles and the sum of their ledgers, in the order of the tiles.
+pub(super) fn merged<T>(
+    rendered: Vec<Result<(T, RenderProfile), Cancelled>>,
+) -> Result<(Vec<T>, RenderProfile), Cancelled> {
     let mut ledger = RenderProfile::default();
-    let mut finished_tiles = Vec::with_capacity(tiles.len());
+    let mut results = Vec::with_capacity(rendered.len());
     for tile in rendered {
-        let (tile, tile_ledger) = tile?;
+        let (result, tile_ledger) = tile?;
         ledger += tile_ledger;
-        finished_tiles.push(tile);
+        results.push(result);
     }
-    Ok((finished_tiles, ledger))
+    Ok((results, ledger))
 }
 
 /// Renders with adaptive sampling, in rounds, until each pixel reaches its target error.

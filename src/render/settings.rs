@@ -164,19 +164,6 @@ impl RenderSettings {
             .filter(|_| self.adaptive.is_none() && self.spp > 1)
     }
 
-    /// Returns the settings without those that `edge_contrast` ignores.
-    pub(super) fn without_ignored(&self) -> RenderSettings {
-        match self.contrast() {
-            None => *self,
-            Some(_) => RenderSettings {
-                filter: PixelFilter::default(),
-                layers: AovSet::NONE,
-                light_layers: LightAovs::NONE,
-                ..*self
-            },
-        }
-    }
-
     /// Returns whether every pixel gets the same number of samples.
     pub(super) fn has_equal_counts(&self) -> bool {
         self.target().is_none() && self.contrast().is_none()

@@ -3,6 +3,7 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::super::context::RenderContext;
+use super::super::driver::merged;
 use super::super::film::{SampleAovs, SampleCounts, TileResult};
 use super::super::monitor::{Cancelled, Monitor};
 use super::super::profile::{Category, Profiler, RenderProfile};
@@ -42,7 +43,7 @@ pub(in crate::render) fn render(
     monitor: &Monitor,
 ) -> Result<Rendering, Cancelled> {
     let settings = frame.settings;
-    // Take one sample of the pixels of the rectangle and of those around it
+    // Take one sample of each pixel of the rectangle and around it
     frame.set_spp(1);
     let first = FirstSamples::render(frame, region, contrast.exposure, monitor);
     frame.set_spp(settings.spp);
@@ -148,13 +149,5 @@ fn supersample(
         Ok((result, ledger))
     });
     drop(waves);
-    // Merge the ledgers in the order of the tiles
-    let mut ledger = RenderProfile::default();
-    let mut results = Vec::with_capacity(edges.len());
-    for tile in rendered {
-        let (result, tile_ledger) = tile?;
-        ledger += tile_ledger;
-        results.push(result);
-    }
-    Ok((results, ledger))
+    merged(rendered)
 }

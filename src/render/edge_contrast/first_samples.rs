@@ -18,7 +18,7 @@ const INNER: usize = TILE as usize;
 /// Side of a tile together with the pixels around it.
 const OUTER: usize = INNER + 2;
 
-/// First samples of the pixels of a rectangle and of those around it.
+/// First samples of the pixels of a rectangle and of a border of one tile.
 pub(super) struct FirstSamples {
     pub(super) cover: Cover,
     /// Pixels of the tiles of the cover.
@@ -40,7 +40,7 @@ impl FirstSamples {
     ) -> Result<FirstSamples, Cancelled> {
         // Render the tiles
         let settings = &frame.settings;
-        let cover = Cover::with_neighbours(region, settings);
+        let cover = Cover::with_border(region, settings, 1);
         let progress = |fraction: f64| (monitor.progress)(FIRST_FRACTION * fraction);
         let monitor = Monitor {
             progress: &progress,

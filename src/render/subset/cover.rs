@@ -15,9 +15,13 @@ pub(in crate::render) struct Cover {
 }
 
 impl Cover {
+    /// Returns the tiles of a rectangle, with a border of one tile if the filter needs neighbours.
     pub(in crate::render) fn of(region: &Region, settings: &RenderSettings) -> Cover {
-        // Add a border of one tile if the filter needs neighbours
-        let margin = u32::from(settings.reach() > 0);
+        Cover::with_border(region, settings, u32::from(settings.reach() > 0))
+    }
+
+    /// Returns the tiles of a rectangle, with a border of `margin` tiles.
+    pub(in crate::render) fn with_border(region: &Region, settings: &RenderSettings, margin: u32) -> Cover {
         let along = |start: u32, size: u32, end: u32| {
             let first = (start / TILE).saturating_sub(margin);
             let last = ((start + size).div_ceil(TILE) + margin).min(end.div_ceil(TILE));
@@ -29,14 +33,6 @@ impl Cover {
             outer: Region { x, y, width, height },
             inner: *region,
             tiles: tiles_among([settings.width, settings.height], [columns, rows]),
-        }
-    }
-
-    /// Returns the tiles of a rectangle and of the pixels around it.
-    pub(in crate::render) fn with_neighbours(region: &Region, settings: &RenderSettings) -> Cover {
-        Cover {
-            inner: *region,
-            ..Cover::of(&region.with_neighbours(settings), settings)
         }
     }
 

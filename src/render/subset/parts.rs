@@ -111,8 +111,8 @@ impl<'s> Parts<'s> {
         Ok(rendering)
     }
 
-    /// Renders a share of the samples of a rectangle and returns their sums with the ledger; ignores
-    /// [`RenderSettings::edge_contrast`].
+    /// Renders a share of the samples of a rectangle and returns their sums with the ledger. Every pixel takes the whole
+    /// share, whatever [`RenderSettings::edge_contrast`] is.
     pub fn sums(
         &mut self,
         region: &Region,
@@ -128,8 +128,8 @@ impl<'s> Parts<'s> {
         self.frame.groups.len()
     }
 
-    /// Renders some sample packets of the pixels of a rectangle and returns their sums with the ledger; ignores
-    /// [`RenderSettings::edge_contrast`].
+    /// Renders some sample packets of the pixels of a rectangle and returns their sums with the ledger. Every pixel takes
+    /// all of these, whatever [`RenderSettings::edge_contrast`] is.
     ///
     /// # Panics
     /// If `packets` is out of range.

@@ -33,17 +33,6 @@ impl Region {
         }
     }
 
-    /// Returns the rectangle with the pixels around it that an image has.
-    pub(super) fn with_neighbours(&self, settings: &RenderSettings) -> Region {
-        let along = |start: u32, length: u32, end: u32| {
-            let first = start.saturating_sub(1);
-            (first, (start + length + 1).min(end) - first)
-        };
-        let (x, width) = along(self.x, self.width, settings.width);
-        let (y, height) = along(self.y, self.height, settings.height);
-        Region { x, y, width, height }
-    }
-
     /// Returns whether the rectangle contains a pixel of the image.
     pub(in crate::render) fn contains(&self, [x, y]: [u32; 2]) -> bool {
         (self.x..self.x + self.width).contains(&x) && (self.y..self.y + self.height).contains(&y)

@@ -13,6 +13,7 @@ mod manual;
 mod output;
 mod progress;
 mod render;
+mod render_stats;
 mod tev;
 mod verify;
 mod verify_scene;

@@ -135,7 +135,7 @@ fn parts_by_contrast_have_the_bits_of_the_full_image() {
 }
 
 #[test]
-fn mesh_outline_has_the_error_of_all_samples_for_few() {
+fn spheres_by_contrast_have_the_error_of_all_samples_for_few() {
     let scene = crate::support::sampling_scenes::mirrored_spheres();
     let accel = tree(&scene);
     let size = |settings: RenderSettings| RenderSettings {

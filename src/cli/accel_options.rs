@@ -24,7 +24,6 @@ pub(super) fn tracing_options(args: &TracingArgs, backend: Backend) -> TracingOp
 /// Returns an error if flags for Embree alone are given with another backend.
 pub(super) fn check_backend(args: &TracingArgs, backend: Backend) -> Result<(), Failure> {
     let of_embree = [
-        ("--isa", args.isa.is_some()),
         ("--instancing", args.instancing != Instancing::Auto),
         ("--build-quality", args.build_quality != BuildQuality::default()),
         ("--compact", args.compact),

@@ -339,8 +339,8 @@ pub(super) struct TracingArgs {
     #[arg(long)]
     pub(super) compact: bool,
 
-    /// Instruction set that Embree is restricted to, so that results are the same on other machines [default: Embree's
-    /// choice]
+    /// Instruction set that tracing is restricted to, so that results are the same on other machines; below avx2 whit's
+    /// own tracing takes its portable form [default: the best of this machine]
     #[arg(long, value_parser = ["sse2", "sse4.2", "avx", "avx2", "avx512"])]
     pub(super) isa: Option<String>,
 

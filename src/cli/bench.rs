@@ -35,8 +35,7 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
         })?;
         return Ok(());
     }
-    let needs_embree = args.tracing.isa.is_some() || args.tracing.instancing != Instancing::Auto;
-    if needs_embree && !cfg!(feature = "embree") {
+    if args.tracing.instancing != Instancing::Auto && !cfg!(feature = "embree") {
         return Err(AccelError::NoEmbree.into());
     }
     check_instancing(&args.tracing)?;

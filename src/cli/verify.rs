@@ -3,9 +3,10 @@
 
 use std::collections::BTreeSet;
 
-use whit::accel::AccelError;
+use whit::accel::{AccelError, Backend};
 use whit::batch::request::TracingOptions;
 use whit::image::check_writable;
+use whit::mesh::simd::SimdLimit;
 use whit::parallel;
 use whit::report::verify::{VerifyRow, case_list, table};
 use whit::report::verify_page;
@@ -69,7 +70,7 @@ pub(super) fn run(args: &VerifyArgs) -> Result<(), Failure> {
                 &verdict_cache.1,
             )
         })?;
-        rows.push(VerifyRow::new(case, path, outcome));
+        rows.push(VerifyRow::new(case, path, isa.as_deref(), outcome));
     }
     progress.clear();
     // Print the table and write the files
@@ -104,7 +105,7 @@ fn chosen(names: &[String]) -> Result<Vec<&'static Case>, Failure> {
         .collect())
 }
 
-/// Returns the instruction sets that Embree is restricted to, each in a run of its own.
+/// Returns the instruction sets that variants are restricted to, each in a run of its own.
 fn instruction_sets(requested: Option<&str>) -> Vec<Option<String>> {
     if requested != Some("all") {
         return vec![requested.map(str::to_owned)];
@@ -118,8 +119,8 @@ fn instruction_sets(requested: Option<&str>) -> Vec<Option<String>> {
 
 type Run = (&'static Case, BackendVariant, Option<String>);
 
-/// Returns every case on every variant that it applies to; variants other than Embree's appear once, as instruction
-/// sets do not affect them.
+/// Returns every case on every variant that it applies to: Embree's with each instruction set, the native tree's with each
+/// that its kernels are compiled for, and the others once.
 fn runs(cases: &[&'static Case], instruction_sets: &[Option<String>]) -> Vec<Run> {
     let mut runs = Vec::new();
     for &case in cases {
@@ -128,11 +129,16 @@ fn runs(cases: &[&'static Case], instruction_sets: &[Option<String>]) -> Vec<Run
             .copied()
             .filter(|path| case.applies_to(path) && path.is_built_in())
         {
-            if path.is_embree() {
-                runs.extend(instruction_sets.iter().map(|isa| (case, path, isa.clone())));
-            } else {
-                runs.push((case, path, None));
+            // Select the sets that differ for the variant
+            let mut sets = instruction_sets.to_vec();
+            match path.accel {
+                Some((Backend::Embree, ..)) => {}
+                Some((Backend::Native, ..)) => {
+                    sets.dedup_by_key(|isa| SimdLimit::within(isa.as_deref()));
+                }
+                _ => sets = vec![None],
             }
+            runs.extend(sets.into_iter().map(|isa| (case, path, isa)));
         }
     }
     runs

@@ -261,24 +261,89 @@ pub trait SimdKernel {
     fn run<I: SimdLevel>(self, isa: I) -> Self::Output;
 }
 
+/// Instruction sets that kernels are compiled for, in ascending order. Results are the same with each.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum SimdLimit {
+    /// What every processor of the target has.
+    Portable,
+    /// AVX2 with FMA and BMI, for registers of eight lanes.
+    Avx2,
+    /// AVX-512, for registers of sixteen lanes.
+    Avx512,
+}
+
+impl SimdLimit {
+    /// Returns the best set of this machine within one that Embree can be restricted to, such as `avx2`; without one, the
+    /// best.
+    pub fn within(isa: Option<&str>) -> SimdLimit {
+        // Choose the form of kernels by the set's name
+        let limit = match isa {
+            None | Some("avx512") => SimdLimit::Avx512,
+            Some("avx2") => SimdLimit::Avx2,
+            Some(_) => SimdLimit::Portable,
+        };
+        // Take no more than the machine has
+        limit.min(SimdLimit::best())
+    }
+
+    /// Returns the best set of this machine.
+    fn best() -> SimdLimit {
+        #[cfg(target_arch = "x86_64")]
+        {
+            if pulp::x86::V4::is_available() {
+                return SimdLimit::Avx512;
+            }
+            if pulp::x86::V3::is_available() {
+                return SimdLimit::Avx2;
+            }
+        }
+        SimdLimit::Portable
+    }
+
+    /// Returns the set's name in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            SimdLimit::Portable => "portable",
+            SimdLimit::Avx2 => "avx2",
+            SimdLimit::Avx512 => "avx512",
+        }
+    }
+
+    /// Runs `work` with this set at most, and with no more than AVX2.
+    #[inline]
+    pub fn dispatch<W: SimdKernel>(self, work: W) -> W::Output {
+        #[cfg(target_arch = "x86_64")]
+        if self >= SimdLimit::Avx2
+            && let Some(isa) = pulp::x86::V3::try_new()
+        {
+            return isa.vectorize(x86::DispatchedKernel(isa, work));
+        }
+        work.run(Scalar)
+    }
+
+    /// Runs `work`, which is on sixteen lanes at a time, with this set at most.
+    #[inline]
+    pub fn dispatch_sixteen<W: SimdKernel>(self, work: W) -> W::Output {
+        #[cfg(target_arch = "x86_64")]
+        if self >= SimdLimit::Avx512
+            && let Some(isa) = pulp::x86::V4::try_new()
+        {
+            return isa.vectorize(x86::DispatchedKernel(isa, work));
+        }
+        self.dispatch(work)
+    }
+}
+
 /// Runs `work` with AVX2 where this machine has it.
 #[inline]
 pub fn dispatch<W: SimdKernel>(work: W) -> W::Output {
-    #[cfg(target_arch = "x86_64")]
-    if let Some(isa) = pulp::x86::V3::try_new() {
-        return isa.vectorize(x86::DispatchedKernel(isa, work));
-    }
-    work.run(Scalar)
+    SimdLimit::Avx2.dispatch(work)
 }
 
 /// Runs `work`, which is on sixteen lanes at a time, with AVX-512 or AVX2 where this machine has them.
 #[inline]
 pub fn dispatch_sixteen<W: SimdKernel>(work: W) -> W::Output {
-    #[cfg(target_arch = "x86_64")]
-    if let Some(isa) = pulp::x86::V4::try_new() {
-        return isa.vectorize(x86::DispatchedKernel(isa, work));
-    }
-    dispatch(work)
+    SimdLimit::Avx512.dispatch_sixteen(work)
 }
 
 /// Returns the indices of the bits set in `mask`, in ascending order.

@@ -28,7 +28,7 @@ use super::extents::{Spheres, shape_spheres};
 use super::{
     Accel, AccelError, AccelOptions, AccelPart, AccelReport, Coherence, Kernel, Precision, Query, RayPacket,
 };
-use crate::mesh::simd::{F32Only, SimdKernel, SimdLevel, dispatch};
+use crate::mesh::simd::{F32Only, SimdKernel, SimdLevel, SimdLimit};
 use crate::parallel;
 use crate::scene::Scene;
 use node8::Tree8;
@@ -41,6 +41,7 @@ pub struct BspAccel<'s> {
     traversal: TraversalKernel<'s>,
     /// Guarantee for triangle hits: at [`Precision::Fast`] f32 decides, else f64 where f32 cannot.
     precision: Precision,
+    simd: SimdLimit,
     report: AccelReport,
 }
 
@@ -105,6 +106,7 @@ impl<'s> BspAccel<'s> {
         Ok(BspAccel {
             traversal: TraversalKernel::new(options.kernel, Arc::new(levels)),
             precision: options.precision,
+            simd: SimdLimit::within(options.isa.as_deref()),
             report,
         })
     }
@@ -120,6 +122,7 @@ impl<'s> BspAccel<'s> {
         BspAccel {
             traversal,
             precision: self.precision,
+            simd: self.simd,
             report: self.report.clone(),
         }
     }
@@ -151,6 +154,7 @@ impl<'s> BspAccel<'s> {
         Ok(BspAccel {
             traversal: TraversalKernel::Reference(Arc::new(levels)),
             precision: Precision::Watertight,
+            simd: SimdLimit::within(options.isa.as_deref()),
             report,
         })
     }
@@ -230,9 +234,10 @@ impl BspAccel<'_> {
             query,
             order,
         };
+        let simd = self.simd;
         match self.precision {
-            Precision::Fast => dispatch(RoundedBatch(batch)),
-            Precision::Robust | Precision::Watertight => dispatch(batch),
+            Precision::Fast => simd.dispatch(RoundedBatch(batch)),
+            Precision::Robust | Precision::Watertight => simd.dispatch(batch),
         }
         levels.planes.trace(packets, query);
     }

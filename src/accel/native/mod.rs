@@ -28,7 +28,7 @@ use super::{
     Query, RayEnd, RayPacket,
 };
 use crate::mesh::Mesh;
-use crate::mesh::simd::{Floats, LaneMask, SimdKernel, SimdLevel, dispatch};
+use crate::mesh::simd::{Floats, LaneMask, SimdKernel, SimdLevel, SimdLimit};
 use crate::numeric::Lanes;
 use crate::scene::{Geometry, Scene};
 use layout::GroupTree;
@@ -45,6 +45,7 @@ pub struct NativeAccel<'s> {
     runs: Vec<TriangleRun>,
     others: Others<'s>,
     kernel: Kernel,
+    simd: SimdLimit,
     report: AccelReport,
 }
 
@@ -104,6 +105,7 @@ impl<'s> NativeAccel<'s> {
             runs,
             others,
             kernel: options.kernel,
+            simd: SimdLimit::within(options.isa.as_deref()),
         })
     }
 
@@ -118,6 +120,7 @@ impl<'s> NativeAccel<'s> {
                 Others::Objects(bsp) => Others::Objects(Box::new(bsp.with_kernel(kernel))),
             },
             kernel,
+            simd: self.simd,
             report: self.report.clone(),
         }
     }
@@ -127,29 +130,31 @@ impl<'s> NativeAccel<'s> {
     pub(super) fn intersect_group(&self, packets: &mut [RayPacket], order: Coherence) -> bool {
         // Find a common origin. Rays from surfaces are no case for groups: their origins are as uncertain as the
         // nearest hits
-        let common_origin = dispatch(QueryStart(packets));
+        let simd = self.simd;
+        let common_origin = simd.dispatch(QueryStart(packets));
         let is_grouped = self.kernel == Kernel::Packet && order == Coherence::Coherent;
         let Some(origin) = common_origin.filter(|_| is_grouped) else {
             return false;
         };
-        group::intersect(self.triangles.view(), packets, origin);
+        // Trace them, then name the hits
+        group::intersect(simd, self.triangles.view(), packets, origin);
         self.complete(packets, order);
         true
     }
 
     /// Traces rays of any origins and directions through the tree.
     fn trace_triangles(&self, packets: &mut [RayPacket], query: Query) {
-        let tree = self.triangles.view();
+        let (simd, tree) = (self.simd, self.triangles.view());
         match &self.small {
-            Some(small) if self.kernel == Kernel::Packet => packet::trace(tree, small, packets, query),
-            _ => single::trace(tree, packets, query),
+            Some(small) if self.kernel == Kernel::Packet => packet::trace(simd, tree, small, packets, query),
+            _ => single::trace(simd, tree, packets, query),
         }
     }
 
     /// Names the instances of the hits, then looks for nearer hits of shapes and planes.
     fn complete(&self, packets: &mut [RayPacket], order: Coherence) {
         let runs = &self.runs;
-        dispatch(HitNames { runs, packets });
+        self.simd.dispatch(HitNames { runs, packets });
         self.intersect_others(packets, order);
     }
 
@@ -213,7 +218,7 @@ impl Accel for NativeAccel<'_> {
         if self.kernel == Kernel::Single {
             return self.occluded(packets, Coherence::Coherent);
         }
-        group::occluded(self.triangles.view(), packets, end);
+        group::occluded(self.simd, self.triangles.view(), packets, end);
         self.occlude_others(packets, Coherence::Coherent);
     }
 

@@ -6,7 +6,7 @@
 
 use crate::accel::bsp::error_bounds::Line;
 use crate::accel::{LANES, Query, RayPacket};
-use crate::mesh::simd::{Floats, LaneMask, SimdKernel, SimdLevel, WideLevel, dispatch_sixteen, lanes};
+use crate::mesh::simd::{Floats, LaneMask, SimdKernel, SimdLevel, SimdLimit, WideLevel, lanes};
 use crate::mesh::triangle::{
     AxisOrders, HitLanes, OwnAxes, PACK, ShearLanes, ShearedVertex, may_contain_origin,
 };
@@ -21,9 +21,15 @@ use super::small_tree::{IndexedBlock, MAX_BLOCKS, MAX_VERTICES, SmallTree};
 const MIN_LANES: u32 = 8;
 
 /// Finds the hits of every active lane for a query: packet by packet, those of few rays one by one.
-pub(super) fn trace(tree: TreeView, small: &SmallTree, packets: &mut [RayPacket], query: Query) {
+pub(super) fn trace(
+    simd: SimdLimit,
+    tree: TreeView,
+    small: &SmallTree,
+    packets: &mut [RayPacket],
+    query: Query,
+) {
     // Trace packets of many rays together
-    let sparse = dispatch_sixteen(SmallTreePackets {
+    let sparse = simd.dispatch_sixteen(SmallTreePackets {
         tree,
         small,
         packets,
@@ -31,7 +37,7 @@ pub(super) fn trace(tree: TreeView, small: &SmallTree, packets: &mut [RayPacket]
     });
     // Trace what they leave over ray by ray, by a kernel that is compiled for registers of eight
     if sparse > 0 {
-        single::trace_sparse(tree, packets, query, sparse);
+        single::trace_sparse(simd, tree, packets, query, sparse);
     }
 }
 
@@ -396,7 +402,7 @@ mod tests {
     use super::*;
     use crate::accel::Hit;
     use crate::accel::native::build::build_tree;
-    use crate::accel::native::testing::random_packets;
+    use crate::accel::native::testing::{BEST, random_packets};
     use crate::mesh::bumpy_sphere;
     use crate::mesh::simd::{Scalar, dispatch};
 
@@ -450,12 +456,12 @@ mod tests {
         }
         // Trace rays one by one
         let (mut single, mut single_blocked) = (rays.clone(), rays.clone());
-        single::trace(tree.view(), &mut single, Query::Nearest);
-        single::trace(tree.view(), &mut single_blocked, Query::Any);
+        single::trace(BEST, tree.view(), &mut single, Query::Nearest);
+        single::trace(BEST, tree.view(), &mut single_blocked, Query::Any);
         // Trace them in packets, with all instruction sets and with that of this machine
         let mut chosen = [rays.clone(), rays.clone()];
-        trace(tree.view(), &small, &mut chosen[0], Query::Nearest);
-        trace(tree.view(), &small, &mut chosen[1], Query::Any);
+        trace(BEST, tree.view(), &small, &mut chosen[0], Query::Nearest);
+        trace(BEST, tree.view(), &small, &mut chosen[1], Query::Any);
         let together = |sixteen, query| Together {
             tree: (tree.view(), &small),
             packets: rays.clone(),
@@ -468,8 +474,8 @@ mod tests {
             both(&|query| together(false, query).run(Scalar)),
             both(&|query| dispatch(together(true, query))),
             both(&|query| dispatch(together(false, query))),
-            both(&|query| dispatch_sixteen(together(true, query))),
-            both(&|query| dispatch_sixteen(together(false, query))),
+            both(&|query| BEST.dispatch_sixteen(together(true, query))),
+            both(&|query| BEST.dispatch_sixteen(together(false, query))),
             chosen,
         ] {
             // Compare the bits

@@ -4,7 +4,7 @@
 
 use crate::accel::bsp::error_bounds::Line;
 use crate::accel::{Hit, LANES, Query, RayPacket};
-use crate::mesh::simd::{Floats, SimdKernel, SimdLevel, dispatch, lanes};
+use crate::mesh::simd::{Floats, SimdKernel, SimdLevel, SimdLimit, lanes};
 use crate::mesh::triangle::{PACK, Shear};
 use crate::numeric::Ray;
 
@@ -12,13 +12,19 @@ use super::child_stack::{ChildStack, PoppedChild};
 use super::layout::{ChildLink, NativeNode, TreeView, WIDTH};
 
 /// Finds the hits of every active lane for a query, one ray at a time.
-pub(super) fn trace(tree: TreeView, packets: &mut [RayPacket], query: Query) {
-    trace_sparse(tree, packets, query, u32::MAX);
+pub(super) fn trace(simd: SimdLimit, tree: TreeView, packets: &mut [RayPacket], query: Query) {
+    trace_sparse(simd, tree, packets, query, u32::MAX);
 }
 
 /// Finds the hits of the active lanes of those packets that have fewer than `limit`, one ray at a time.
-pub(super) fn trace_sparse(tree: TreeView, packets: &mut [RayPacket], query: Query, limit: u32) {
-    dispatch(SingleRays {
+pub(super) fn trace_sparse(
+    simd: SimdLimit,
+    tree: TreeView,
+    packets: &mut [RayPacket],
+    query: Query,
+    limit: u32,
+) {
+    simd.dispatch(SingleRays {
         tree,
         packets,
         query,
@@ -199,7 +205,7 @@ mod tests {
 
     use super::*;
     use crate::accel::native::build::build_tree;
-    use crate::accel::native::testing::{baked, brute_force, random_packets};
+    use crate::accel::native::testing::{BEST, baked, brute_force, random_packets};
 
     #[test]
     fn single_rays_hit_what_brute_force_hits() {
@@ -216,8 +222,8 @@ mod tests {
         let mut actual_blocked = expected.clone();
         brute.intersect(&mut expected, Coherence::Coherent);
         brute.occluded(&mut blocked, Coherence::Coherent);
-        trace(tree.view(), &mut actual, Query::Nearest);
-        trace(tree.view(), &mut actual_blocked, Query::Any);
+        trace(BEST, tree.view(), &mut actual, Query::Nearest);
+        trace(BEST, tree.view(), &mut actual_blocked, Query::Any);
         // Compare the hits, then which rays are blocked
         let mut hit_count = 0;
         for (a, b) in expected.iter().zip(&actual) {

@@ -3,9 +3,13 @@
 use crate::accel::brute::BruteAccel;
 use crate::accel::{LANES, RayPacket};
 use crate::mesh::Mesh;
+use crate::mesh::simd::SimdLimit;
 use crate::numeric::Ray;
 use crate::scene::{Geometry, Instance, Material, Scene};
 use glam::{DAffine3, Vec3};
+
+/// Instruction set of tests: the best of this machine.
+pub(super) const BEST: SimdLimit = SimdLimit::Avx512;
 
 /// Pseudo-random numbers of a linear congruential generator.
 pub(super) struct RandomNumbers(pub(super) u64);

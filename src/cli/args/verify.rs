@@ -60,7 +60,8 @@ pub(in crate::cli) struct VerifyArgs {
     #[arg(long)]
     pub(in crate::cli) list: bool,
 
-    /// Instruction set that Embree is restricted to, or all that this machine has, in turn [default: Embree's choice]
+    /// Instruction set that Embree and the native tree are restricted to, or all that this machine has, in turn; below
+    /// avx2 the native tree takes its portable form [default: the best of this machine]
     #[arg(long, value_parser = ["sse2", "sse4.2", "avx", "avx2", "avx512", "all"])]
     pub(in crate::cli) isa: Option<String>,
 

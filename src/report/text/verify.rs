@@ -5,6 +5,8 @@ use std::fmt::Write;
 
 use serde::Serialize;
 
+use crate::accel::Backend;
+use crate::mesh::simd::SimdLimit;
 use crate::verify::{BackendVariant, Case, CaseKind, Outcome, VARIANTS, Verdict, Watertightness};
 
 /// Result of one case on one backend configuration.
@@ -15,17 +17,25 @@ pub struct VerifyRow {
     pub case: Case,
     /// Name of the backend configuration.
     pub path: &'static str,
+    /// Instruction set of Embree, or of the native tree's kernels.
+    pub isa: Option<String>,
     /// Verdict and counts of the case.
     #[serde(flatten)]
     pub outcome: Outcome,
 }
 
 impl VerifyRow {
-    /// Returns the row of an outcome.
-    pub fn new(case: &Case, path: &BackendVariant, outcome: Outcome) -> VerifyRow {
+    /// Returns the row of an outcome on a variant that was restricted to the instruction set `isa`, if one is given.
+    pub fn new(case: &Case, path: &BackendVariant, isa: Option<&str>, outcome: Outcome) -> VerifyRow {
+        // Name the form of the native tree's kernels; Embree names its own
+        let isa = match path.accel {
+            Some((Backend::Native, ..)) => Some(SimdLimit::within(isa).name().to_owned()),
+            _ => outcome.embree.as_ref().map(|embree| embree.isa.clone()),
+        };
         VerifyRow {
             case: *case,
             path: path.name,
+            isa,
             outcome,
         }
     }
@@ -68,16 +78,16 @@ pub fn table(rows: &[VerifyRow]) -> String {
             let _ = writeln!(text, "\n{} {}: {}", row.case.id, row.case.title, row.case.bound);
             let _ = writeln!(
                 text,
-                "    {:17} {:7} {:>12} {:>10} {:>10} {:>16}",
+                "    {:17} {:8} {:>12} {:>10} {:>10} {:>16}",
                 "path", "isa", "rays", "wrong", "ties", "worst"
             );
             last = row.case.id;
         }
         let tally = &row.outcome.tally;
-        let isa = row.outcome.embree.as_ref().map_or("", |embree| &embree.isa);
+        let isa = row.isa.as_deref().unwrap_or_default();
         let _ = writeln!(
             text,
-            "    {:17} {:7} {:>12} {:>10} {:>10} {:>16}  {}",
+            "    {:17} {:8} {:>12} {:>10} {:>10} {:>16}  {}",
             row.path,
             isa,
             tally.rays,

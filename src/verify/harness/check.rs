@@ -42,8 +42,8 @@ pub struct Outcome {
     pub seconds: f64,
 }
 
-/// Runs a case on one backend variant with about `rays` queries; restricts Embree to the instruction set `isa` if one
-/// is given. `verdict_cache` may be shared by all variants that run the case with the same number of rays.
+/// Runs a case on one backend variant with about `rays` queries; restricts its kernels to the instruction set `isa`
+/// if one is given. `verdict_cache` may be shared by all variants that run the case with the same number of rays.
 ///
 /// # Errors
 ///

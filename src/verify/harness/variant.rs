@@ -104,7 +104,7 @@ pub fn has_instruction_set(isa: &str) -> bool {
 }
 
 /// Builds the acceleration structure of a variant over `scene`; brute force for the variant without one. Restricts
-/// Embree to the instruction set `isa` if one is given.
+/// its kernels to the instruction set `isa` if one is given.
 ///
 /// # Errors
 ///
@@ -122,7 +122,7 @@ pub fn build_variant<'s>(
     let options = AccelOptions {
         precision,
         kernel,
-        isa: isa.filter(|_| path.is_embree()).map(str::to_owned),
+        isa: isa.map(str::to_owned),
         // Use the threads of the pool that this runs in.
         threads: rayon::current_num_threads(),
         ..AccelOptions::default()

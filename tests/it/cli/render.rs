@@ -275,8 +275,8 @@ fn conflicting_flags_are_rejected() {
     );
     fails_with(
         2,
-        "`--isa` applies to Embree only",
-        &["render", &scene, "-o", path(&out), "--backend=bsp", "--isa=avx2"],
+        "`--compact` applies to Embree only",
+        &["render", &scene, "-o", path(&out), "--backend=bsp", "--compact"],
     );
     let render = ["render", &scene, "-o", path(&out)];
     for (flags, words) in [

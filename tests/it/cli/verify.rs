@@ -178,13 +178,19 @@ fn list_describes_every_case_and_names_missing_ones() {
 
 #[cfg(feature = "embree")]
 #[test]
-fn embree_is_restricted_to_each_instruction_set_in_turn() {
+fn embree_and_the_native_tree_are_restricted_to_each_instruction_set_in_turn() {
     let run = whit(&["verify", "--rays", "64", "--case", "H01", "--isa", "all"]);
     assert_eq!(run.code, 0, "{}", run.stderr);
     assert!(run.stdout.contains("sse2"), "{}", run.stdout);
     let lines = |path: &str| run.stdout.lines().filter(|l| l.trim().starts_with(path)).count();
     assert!(lines("embree fast") >= 1);
     assert_eq!(lines("bsp single"), 1);
+    // Sets below AVX2 are one form of the native tree
+    assert_eq!(lines(&format!("{:18}portable", "native")), 1);
+    assert_eq!(
+        lines("native"),
+        whit::mesh::simd::SimdLimit::within(None) as usize + 1
+    );
     let one = whit(&["verify", "--rays", "64", "--case", "H01", "--isa", "sse2"]);
     assert!(one.stdout.contains("sse2") && !one.stdout.contains("avx"));
 }

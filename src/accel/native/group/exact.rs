@@ -155,7 +155,7 @@ mod tests {
     use super::super::intersect;
     use crate::accel::native::build::build_tree;
     use crate::accel::native::single;
-    use crate::accel::native::testing::RandomNumbers;
+    use crate::accel::native::testing::{BEST, RandomNumbers};
     use crate::accel::{LANES, Query, RayPacket};
     use crate::mesh::bumpy_sphere;
     use crate::numeric::Ray;
@@ -176,8 +176,8 @@ mod tests {
         }
         // Trace them in groups, and one at a time
         let mut actual = expected.clone();
-        intersect(tree.view(), &mut actual, origin);
-        single::trace(tree.view(), &mut expected, Query::Nearest);
+        intersect(BEST, tree.view(), &mut actual, origin);
+        single::trace(BEST, tree.view(), &mut expected, Query::Nearest);
         // Compare the bits, unless a ray through an edge hits the neighbour
         let (mut hit_count, mut tie_count) = (0, 0);
         for (a, b) in expected.iter().zip(&actual) {

@@ -46,7 +46,7 @@ use std::cell::Cell;
 
 use crate::accel::native::layout::TreeView;
 use crate::accel::{RayEnd, RayPacket};
-use crate::mesh::simd::dispatch_sixteen;
+use crate::mesh::simd::SimdLimit;
 use glam::Vec3;
 
 use common_direction::CommonDirection;
@@ -56,26 +56,26 @@ use query::{AnyToLight, GroupQuery, NearestFromOrigin};
 
 /// Finds the nearest hit of every active lane. All rays must start at `origin`, which should not lie on a surface: a
 /// hit as near as its own rounding error may be lost.
-pub(super) fn intersect(tree: TreeView, packets: &mut [RayPacket], origin: Vec3) {
-    trace(tree, packets, NearestFromOrigin(origin));
+pub(super) fn intersect(simd: SimdLimit, tree: TreeView, packets: &mut [RayPacket], origin: Vec3) {
+    trace(simd, tree, packets, NearestFromOrigin(origin));
 }
 
 /// Marks every active lane as blocked whose ray hits anything within its interval, ends included. All rays must have the
 /// end in common: pass through the point, up to rounding, at the end of their intervals or behind it, or have exactly the
 /// direction (others are traced one at a time). They may start at surfaces.
-pub(super) fn occluded(tree: TreeView, packets: &mut [RayPacket], end: RayEnd) {
+pub(super) fn occluded(simd: SimdLimit, tree: TreeView, packets: &mut [RayPacket], end: RayEnd) {
     match end {
-        RayEnd::Point(target) => trace(tree, packets, AnyToLight(CommonEnd::Target(target))),
-        RayEnd::Direction(direction) => trace(tree, packets, AnyToLight(CommonDirection(direction))),
+        RayEnd::Point(target) => trace(simd, tree, packets, AnyToLight(CommonEnd::Target(target))),
+        RayEnd::Direction(direction) => trace(simd, tree, packets, AnyToLight(CommonDirection(direction))),
     }
 }
 
 /// Runs the kernel of a query with the thread's scratch memory.
-fn trace<P: GroupQuery>(tree: TreeView, packets: &mut [RayPacket], query: P) {
+fn trace<P: GroupQuery>(simd: SimdLimit, tree: TreeView, packets: &mut [RayPacket], query: P) {
     thread_local! {
         static SCRATCH: Cell<Option<Box<Scratch>>> = const { Cell::new(None) };
     }
     let mut scratch = SCRATCH.take().unwrap_or_else(Scratch::new);
-    dispatch_sixteen(GroupKernel::new(tree, packets, query, &mut scratch));
+    simd.dispatch_sixteen(GroupKernel::new(tree, packets, query, &mut scratch));
     SCRATCH.set(Some(scratch));
 }

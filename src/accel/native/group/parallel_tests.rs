@@ -1,7 +1,7 @@
 //! Tests of rays with a common direction.
 
 use crate::accel::native::build::build_tree;
-use crate::accel::native::testing::{RandomNumbers, baked, brute_force};
+use crate::accel::native::testing::{BEST, RandomNumbers, baked, brute_force};
 use crate::accel::{Accel, Coherence, LANES, RayPacket};
 use crate::mesh::simd::{Scalar, SimdKernel};
 use crate::mesh::{Mesh, bumpy_sphere};
@@ -71,7 +71,7 @@ fn blocked_rays_along_a_direction_are_those_of_brute_force() {
                     let mut expected = along(direction, cube, size, &mut random);
                     let mut actual = expected.clone();
                     brute.occluded(&mut expected, Coherence::Coherent);
-                    occluded(tree.view(), &mut actual, RayEnd::Direction(direction));
+                    occluded(BEST, tree.view(), &mut actual, RayEnd::Direction(direction));
                     count_blocked(&expected, &actual, &mut counts);
                 }
             }
@@ -91,7 +91,7 @@ fn instruction_sets_give_the_same_bits_along_a_direction() {
             // Trace them without SIMD, and with the best instruction set
             let query = AnyToLight(CommonDirection(direction));
             GroupKernel::new(tree.view(), &mut a, query, &mut Scratch::new()).run(Scalar);
-            occluded(tree.view(), &mut b, RayEnd::Direction(direction));
+            occluded(BEST, tree.view(), &mut b, RayEnd::Direction(direction));
             for (a, b) in a.iter().zip(&b) {
                 for lane in 0..LANES {
                     assert_eq!(a.t_far[lane].to_bits(), b.t_far[lane].to_bits());
@@ -128,7 +128,7 @@ fn leaks_along(mesh: &Mesh, centre: Vec3, direction: Vec3, ray_count: usize, at_
                 }
             }
             first += 7919 * LANES;
-            occluded(tree.view(), &mut packets, RayEnd::Direction(direction));
+            occluded(BEST, tree.view(), &mut packets, RayEnd::Direction(direction));
             for packet in &packets {
                 let is_free = |&lane: &usize| packet.is_active(lane) && !packet.is_blocked(lane);
                 misses += (0..LANES).filter(is_free).count();

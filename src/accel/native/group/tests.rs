@@ -2,7 +2,7 @@
 
 use crate::accel::native::build::build_tree;
 use crate::accel::native::single;
-use crate::accel::native::testing::{RandomNumbers, baked, brute_force};
+use crate::accel::native::testing::{BEST, RandomNumbers, baked, brute_force};
 use crate::accel::{Accel, Coherence, LANES, Query, RayPacket};
 use crate::mesh::simd::{Scalar, SimdKernel, dispatch};
 use crate::mesh::{Mesh, bumpy_sphere};
@@ -113,7 +113,7 @@ fn nearest_hits_are_those_of_brute_force() {
                 let mut expected = from_origin(origin, size, width, &mut random);
                 let mut actual = expected.clone();
                 brute.intersect(&mut expected, Coherence::Coherent);
-                intersect(tree.view(), &mut actual, origin);
+                intersect(BEST, tree.view(), &mut actual, origin);
                 for (a, b) in expected.iter().zip(&actual) {
                     for lane in 0..LANES {
                         let (Some(a), Some(b)) = (a.hit(lane), b.hit(lane)) else {
@@ -145,7 +145,7 @@ fn of_coincident_triangles_that_of_the_lowest_number_is_hit() {
         for width in [0.01, 0.5] {
             let origin = random.vector() * 2.0;
             let mut packets = from_origin(origin, size, width, &mut random);
-            intersect(tree.view(), &mut packets, origin);
+            intersect(BEST, tree.view(), &mut packets, origin);
             let hits = packets
                 .iter()
                 .flat_map(|packet| (0..LANES).filter_map(|lane| packet.hit(lane)));
@@ -172,7 +172,7 @@ fn blocked_rays_are_those_of_brute_force() {
                 let mut expected = to_target(point, size, &mut random);
                 let mut actual = expected.clone();
                 brute.occluded(&mut expected, Coherence::Coherent);
-                occluded(tree.view(), &mut actual, RayEnd::Point(point));
+                occluded(BEST, tree.view(), &mut actual, RayEnd::Point(point));
                 count_blocked(&expected, &actual, &mut counts);
             }
         }
@@ -201,13 +201,13 @@ fn instruction_sets_give_the_same_bits() {
                     let query = NearestFromOrigin(point);
                     GroupKernel::new(tree.view(), scalar, query, &mut scratch).run(Scalar);
                     dispatch(GroupKernel::new(tree.view(), eight, query, &mut scratch));
-                    intersect(tree.view(), best, point);
+                    intersect(BEST, tree.view(), best, point);
                 }
                 _ => {
                     let query = AnyToLight(CommonEnd::Target(point));
                     GroupKernel::new(tree.view(), scalar, query, &mut scratch).run(Scalar);
                     dispatch(GroupKernel::new(tree.view(), eight, query, &mut scratch));
-                    occluded(tree.view(), best, RayEnd::Point(point));
+                    occluded(BEST, tree.view(), best, RayEnd::Point(point));
                 }
             }
             // Compare the bits
@@ -242,7 +242,7 @@ fn coordinates_out_of_range_are_traced_too() {
                 packet.direction[axis] = packet.direction[axis].map(|x| x * scale);
             }
         }
-        intersect(tree.view(), &mut packets, Vec3::ZERO);
+        intersect(BEST, tree.view(), &mut packets, Vec3::ZERO);
         for packet in &packets {
             for lane in 0..LANES {
                 assert_eq!(packet.hit(lane).is_some(), packet.is_active(lane));
@@ -277,8 +277,8 @@ fn leaks(mesh: &Mesh, origin: Vec3, ray_count: usize, at_edges: bool) -> usize {
             }
             first += 7919 * LANES;
             traced += size * LANES;
-            intersect(tree.view(), &mut packets, origin);
-            occluded(tree.view(), &mut shadows, RayEnd::Point(origin));
+            intersect(BEST, tree.view(), &mut packets, origin);
+            occluded(BEST, tree.view(), &mut shadows, RayEnd::Point(origin));
             for (packet, shadow) in packets.iter().zip(&shadows) {
                 for lane in 0..LANES {
                     misses += usize::from(packet.hit(lane).is_none()) + usize::from(!shadow.is_blocked(lane));
@@ -372,8 +372,8 @@ impl SurfaceRayCounts {
         let tree = build_tree(&[mesh]).unwrap();
         let mut actual = from_surface(mesh, end, cross);
         let mut expected = actual.clone();
-        occluded(tree.view(), &mut actual, end);
-        single::trace(tree.view(), &mut expected, Query::Any);
+        occluded(BEST, tree.view(), &mut actual, end);
+        single::trace(BEST, tree.view(), &mut expected, Query::Any);
         for (a, b) in expected.iter().zip(&actual) {
             for lane in 0..LANES {
                 self.all += usize::from(a.is_active(lane));

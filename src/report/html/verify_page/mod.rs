@@ -107,17 +107,13 @@ fn summary(rows: &[VerifyRow], run: &Run) -> Vec<PageElement> {
     vec![text, tiles, page::facts(&facts)]
 }
 
-/// Returns the name of a row's configuration, with the instruction set if Embree ran with several.
+/// Returns the name of a row's configuration, with the instruction set if there are several.
 fn path_name(row: &VerifyRow, rows: &[VerifyRow]) -> String {
-    let isas: BTreeSet<&str> = rows.iter().filter_map(|row| isa(row)).collect();
-    match isa(row) {
+    let isas: BTreeSet<&str> = rows.iter().filter_map(|row| row.isa.as_deref()).collect();
+    match &row.isa {
         Some(isa) if isas.len() > 1 => format!("{} {isa}", row.path),
         _ => row.path.to_owned(),
     }
-}
-
-fn isa(row: &VerifyRow) -> Option<&str> {
-    row.outcome.embree.as_ref().map(|embree| embree.isa.as_str())
 }
 
 /// Returns the table of wrong results with a row for each case and a column for each configuration.
@@ -170,7 +166,7 @@ fn checks(rows: &[VerifyRow]) -> PageElement {
         let cells = [
             Cell::link(&format!("{} {}", row.case.id, row.case.title), row.case.id),
             Cell::text(row.path),
-            Cell::text(isa(row).unwrap_or_default()),
+            Cell::text(row.isa.as_deref().unwrap_or_default()),
             Cell::badge(word(row.outcome.verdict), class),
             Cell::count(tally.wrong),
             Cell::count(tally.ties),
@@ -227,7 +223,7 @@ fn failures(row: &VerifyRow) -> [PageElement; 2] {
         lines.extend(tally.example.clone());
     }
     // Name the configuration with its instruction set
-    let path = match isa(row) {
+    let path = match &row.isa {
         Some(isa) => format!("{} on {isa}", row.path),
         None => row.path.to_owned(),
     };
@@ -253,6 +249,7 @@ mod tests {
         VerifyRow::new(
             case,
             path,
+            None,
             check(
                 (case, 300, Recording::Drawings),
                 path,

@@ -80,7 +80,7 @@ impl ChildStack {
 
 /// Starts to load a node or a block.
 #[inline(always)]
-fn prefetch(isa: impl SimdLevel, tree: TreeView, child: ChildLink) {
+pub(super) fn prefetch(isa: impl SimdLevel, tree: TreeView, child: ChildLink) {
     if child.is_leaf() {
         if let Some(block) = tree.blocks.get(child.index()) {
             isa.prefetch(block);

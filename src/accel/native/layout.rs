@@ -1,6 +1,7 @@
 //! Memory layout of the tree: nodes with the boxes of eight children, and blocks of eight triangles as leaves.
 
 use crate::buffer::BufferMut;
+use crate::mesh::simd::{Floats, WideLevel};
 use crate::mesh::triangle::{PACK, TrianglePack};
 
 /// Number of children of a node.
@@ -69,6 +70,24 @@ impl NativeNode {
         bounds: [[[f32::INFINITY; WIDTH]; 3], [[f32::NEG_INFINITY; WIDTH]; 3]],
         children: [ChildLink::EMPTY; WIDTH],
     };
+
+    /// Returns a node with one child.
+    pub(super) fn of_one(bounds: &Box3, child: ChildLink) -> NativeNode {
+        let mut node = NativeNode::EMPTY;
+        for axis in 0..3 {
+            node.bounds[0][axis][0] = bounds.low[axis];
+            node.bounds[1][axis][0] = bounds.high[axis];
+        }
+        node.children[0] = child;
+        node
+    }
+
+    /// Returns a mask of the children that are blocks or unused.
+    #[inline(always)]
+    pub(super) fn blocks<W: WideLevel<WIDTH>>(&self, eight: W) -> u32 {
+        // The flag is the sign
+        Floats::load(eight, bytemuck::cast_ref(&self.children)).signs()
+    }
 }
 
 /// Leaf of up to eight triangles.

@@ -1,7 +1,8 @@
 //! Test of a block of eight triangles against the rays of a group.
 //!
-//! The triangles are projected to windows in the plane of the rays. If few rays are in the window of them all, each of these is
-//! tested against eight triangles at once; else each triangle against the packets that its window overlaps.
+//! The triangles are projected to windows in the plane of the rays. If few rays are in the window of the block's box, or in that
+//! of all triangles, each of these is tested against eight triangles at once; else each triangle against the packets that its
+//! window overlaps.
 
 use crate::accel::{LANES, RayPacket};
 use crate::mesh::simd::{Floats, LaneMask, SimdLevel, WideLevel, lanes};
@@ -37,34 +38,66 @@ struct TriangleWindows<W: WideLevel<8>> {
     z_min: Floats<W, 8>,
 }
 
-/// Rays that are in one window.
-struct RayList {
-    rays: [u16; FEW_RAYS],
-    count: usize,
+/// Rays that are in one window, by packet.
+pub(super) struct RayList {
+    packets: [u16; FEW_RAYS],
+    /// Lanes of each packet.
+    lanes: [u16; FEW_RAYS],
+    /// Number of packets in the list.
+    pub(super) count: usize,
 }
 
-/// Tests the triangles of a block against all rays and keeps the hits.
+impl RayList {
+    /// Keeps the rays that are in a triangle's window; returns the triangles in whose windows they are.
+    #[inline(always)]
+    fn keep_in<W: WideLevel<8>>(&mut self, eight: W, windows: &TriangleWindows<W>, rays: &GroupRays) -> u32 {
+        let (mut visible, mut kept) = (0, 0);
+        for i in 0..self.count.min(FEW_RAYS) {
+            // Test each ray of the packet
+            let (packet, mut inside) = (self.packets[i], u32::from(self.lanes[i]));
+            for lane in lanes(inside) {
+                let around = windows.around_ray(eight, rays, usize::from(packet), lane);
+                visible |= around;
+                inside &= !(u32::from(around == 0) << lane);
+            }
+            // Keep the packet if it has any left
+            self.packets[kept % FEW_RAYS] = packet;
+            self.lanes[kept % FEW_RAYS] = inside as u16;
+            kept += usize::from(inside != 0);
+        }
+        self.count = kept;
+        visible
+    }
+}
+
+/// Tests the triangles of a block against the rays of a list, or else against all rays, and keeps the hits.
 #[inline(always)]
 pub(super) fn test_block<I: SimdLevel, P: GroupQuery>(
     isa: I,
     tree: TreeView,
     index: usize,
+    mut list: Option<RayList>,
     rays: &mut GroupRays,
     packets: &[RayPacket],
 ) {
-    // Cull by windows
     let block = &tree.blocks[index];
     let eight = isa.eight();
     let corners = BlockCorners::new::<P::Projection>(eight, block, rays);
     let windows = TriangleWindows::new::<P::Projection>(eight, &corners, &rays.centred);
-    let overlapping = windows.overlapping::<P::Projection>(eight, &corners, rays);
-    let mut visible = overlapping.bits();
-    if visible == 0 {
-        return;
+    let mut visible;
+    if let Some(list) = &mut list {
+        // Cull by the windows around each ray
+        visible = list.keep_in(eight, &windows, rays);
+    } else {
+        // Cull by the group's window, then list the rays if they are few
+        let overlapping = windows.overlapping::<P::Projection>(eight, &corners, rays);
+        visible = overlapping.bits();
+        if visible == 0 {
+            return;
+        }
+        let few = FEW_RAYS.min(FEW_RAYS_A_TRIANGLE * visible.count_ones() as usize);
+        list = few_rays(isa, &windows.around(eight, overlapping), rays, few);
     }
-    // List the rays if they are few
-    let few = FEW_RAYS.min(FEW_RAYS_A_TRIANGLE * visible.count_ones() as usize);
-    let list = few_rays(isa, &windows.around(eight, overlapping), rays, few);
     if let Some(list) = &list
         && list.count == 0
     {
@@ -159,6 +192,19 @@ impl<W: WideLevel<8>> TriangleWindows<W> {
         in_depth & in_u & in_v
     }
 
+    /// Returns the triangles whose window contains a ray.
+    #[inline(always)]
+    fn around_ray(&self, eight: W, rays: &GroupRays, packet: usize, lane: usize) -> u32 {
+        let (packet, lane) = (packet % PACKETS, lane % LANES);
+        let (u, v) = (
+            splat(eight, rays.u[packet][lane]),
+            splat(eight, rays.v[packet][lane]),
+        );
+        let in_u = self.u_min.le(u) & u.le(self.u_max);
+        let in_v = self.v_min.le(v) & v.le(self.v_max);
+        (in_u & in_v & self.z_min.le(splat(eight, rays.z[packet][lane]))).bits()
+    }
+
     /// Returns the window around the windows of a mask.
     #[inline(always)]
     fn around(&self, eight: W, mask: LaneMask<W, 8>) -> DepthWindow {
@@ -175,24 +221,31 @@ impl<W: WideLevel<8>> TriangleWindows<W> {
 
 /// Returns the rays in a window; `None` if they are more than `few`.
 #[inline(always)]
-fn few_rays(isa: impl SimdLevel, window: &DepthWindow, rays: &GroupRays, few: usize) -> Option<RayList> {
+pub(super) fn few_rays(
+    isa: impl SimdLevel,
+    window: &DepthWindow,
+    rays: &GroupRays,
+    few: usize,
+) -> Option<RayList> {
     // Start with an empty list
     let mut list = RayList {
-        rays: [0; FEW_RAYS],
+        packets: [0; FEW_RAYS],
+        lanes: [0; FEW_RAYS],
         count: 0,
     };
+    let mut ray_count = 0;
     // Add the rays of the packets of the tiles that the window overlaps
     for tile in lanes(window.tiles(isa, rays)) {
         for slot in lanes(window.overlap(isa, &rays.packets, tile)) {
             let packet = 8 * tile + slot;
             let inside = window.rays(isa, rays, packet);
-            if list.count + inside.count_ones() as usize > few {
+            ray_count += inside.count_ones() as usize;
+            if ray_count > few {
                 return None;
             }
-            for lane in lanes(inside) {
-                list.rays[list.count % FEW_RAYS] = (LANES * packet + lane) as u16;
-                list.count += 1;
-            }
+            list.packets[list.count % FEW_RAYS] = packet as u16;
+            list.lanes[list.count % FEW_RAYS] = inside as u16;
+            list.count += usize::from(inside != 0);
         }
     }
     Some(list)
@@ -334,56 +387,70 @@ impl<I: SimdLevel> BlockTest<'_, I> {
     /// Tests each listed ray against the visible triangles.
     #[inline(always)]
     fn each_ray<P: GroupQuery>(&self, list: &RayList, visible: u32, rays: &mut GroupRays, changed: &mut u64) {
-        let eight = self.isa.eight();
-        for &index in list.rays.iter().take(list.count) {
-            // Find the triangles that the ray hits
-            let index = usize::from(index);
-            let (packet, lane) = (index / LANES % PACKETS, index % LANES);
-            let lane_rays = ProjectedRays {
-                u: splat(eight, rays.u[packet][lane]),
-                v: splat(eight, rays.v[packet][lane]),
-                z_near: splat(eight, rays.z_near[packet][lane]),
-                z: splat(eight, rays.z[packet][lane]),
-            };
-            let Some(candidates) = self.edges.candidates::<P>(eight, &lane_rays) else {
-                continue;
-            };
-            let found = self.decided::<P, _, 8>(eight, &candidates, &lane_rays, LaneTriangles::Each);
-            let mut hits = found.hits.bits() & visible;
-            // Discard hits behind its start
-            if P::IS_ANY {
-                let near = hits & candidates.near_start(found.z, &lane_rays);
-                if near != 0 {
-                    let (frame, packets) = (&rays.frame, self.packets);
-                    let test =
-                        StartTest::of_ray::<P::Projection>(eight, frame, packets, packet, lane, self.block);
-                    hits &= !test.behind(near);
-                }
-            }
-            if hits == 0 {
-                continue;
-            }
-            // Turn off the ray if it is blocked
-            if P::IS_ANY {
-                rays.z[packet][lane] = OFF;
-                *changed |= 1 << packet;
-                continue;
-            }
-            // Keep the nearest, of equals that of the lowest number
-            let z = found.z.to_array();
-            for triangle in lanes(hits) {
-                let triangle = triangle % 8;
-                let best = rays.z[packet][lane];
-                let is_tie = z[triangle] == best;
-                if z[triangle] < best
-                    || is_tie && self.won_ties(triangle, 1 << lane, &rays.slots[packet]) != 0
-                {
-                    rays.z[packet][lane] = z[triangle];
-                    rays.slots[packet][lane] = TreeView::slot(self.index, triangle);
+        for i in 0..list.count.min(FEW_RAYS) {
+            let packet = usize::from(list.packets[i]) % PACKETS;
+            for lane in lanes(u32::from(list.lanes[i])) {
+                if self.ray_and_block::<P>(packet, lane % LANES, visible, rays) {
                     *changed |= 1 << packet;
                 }
             }
         }
+    }
+
+    /// Tests a ray against the visible triangles; returns whether there is a hit.
+    #[inline(always)]
+    fn ray_and_block<P: GroupQuery>(
+        &self,
+        packet: usize,
+        lane: usize,
+        visible: u32,
+        rays: &mut GroupRays,
+    ) -> bool {
+        // Find the triangles that the ray hits
+        let eight = self.isa.eight();
+        let lane_rays = ProjectedRays {
+            u: splat(eight, rays.u[packet][lane]),
+            v: splat(eight, rays.v[packet][lane]),
+            z_near: splat(eight, rays.z_near[packet][lane]),
+            z: splat(eight, rays.z[packet][lane]),
+        };
+        let Some(candidates) = self.edges.candidates::<P>(eight, &lane_rays) else {
+            return false;
+        };
+        let found = self.decided::<P, _, 8>(eight, &candidates, &lane_rays, LaneTriangles::Each);
+        let mut hits = found.hits.bits() & visible;
+        // Discard hits behind its start
+        if P::IS_ANY {
+            let near = hits & candidates.near_start(found.z, &lane_rays);
+            if near != 0 {
+                let (frame, packets) = (&rays.frame, self.packets);
+                let test =
+                    StartTest::of_ray::<P::Projection>(eight, frame, packets, packet, lane, self.block);
+                hits &= !test.behind(near);
+            }
+        }
+        if hits == 0 {
+            return false;
+        }
+        // Turn off the ray if it is blocked
+        if P::IS_ANY {
+            rays.z[packet][lane] = OFF;
+            return true;
+        }
+        // Keep the nearest, of equals that of the lowest number
+        let z = found.z.to_array();
+        let mut is_nearer = false;
+        for triangle in lanes(hits) {
+            let triangle = triangle % 8;
+            let best = rays.z[packet][lane];
+            let is_tie = z[triangle] == best;
+            if z[triangle] < best || is_tie && self.won_ties(triangle, 1 << lane, &rays.slots[packet]) != 0 {
+                rays.z[packet][lane] = z[triangle];
+                rays.slots[packet][lane] = TreeView::slot(self.index, triangle);
+                is_nearer = true;
+            }
+        }
+        is_nearer
     }
 
     /// Returns the hits within the rays' depths, after lanes close to an edge have been decided in f64.

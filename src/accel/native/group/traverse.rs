@@ -1,15 +1,18 @@
 //! Traversal of the tree by a group.
 
-use crate::accel::RayPacket;
+use crate::accel::{LANES, RayPacket};
 use crate::mesh::simd::{SimdLevel, lanes};
 
 use super::frustum::{DepthWindow, Frustum};
-use super::leaf::test_block;
-use super::projection::GroupProjection;
+use super::leaf::{few_rays, test_block};
 use super::query::GroupQuery;
 use super::rays::{GroupRays, OFF};
-use crate::accel::native::child_stack::{ChildStack, PoppedChild};
+use crate::accel::native::child_stack::{ChildStack, prefetch};
 use crate::accel::native::layout::{ChildLink, NativeNode, TreeView, WIDTH};
+
+/// Maximum number of rays in a block's box that are listed before its triangles are projected. A full packet has more, so that
+/// with many samples a pixel the search ends at the first packet.
+const MAX_SPARSE_RAYS: usize = LANES - 1;
 
 /// Finds the hits of all rays of a group, which are those of `packets`.
 #[inline(always)]
@@ -24,67 +27,119 @@ pub(super) fn traverse<I: SimdLevel, P: GroupQuery>(
         return;
     }
     let frustum = Frustum::new::<P::Projection>(rays, tree.bounds);
-    let mut child = tree.root;
+    // Start at the root; a tree of one block gets a node around it
+    let above_root = NativeNode::of_one(tree.bounds, tree.root);
+    let mut node = match tree.root.is_leaf() {
+        true => &above_root,
+        false => &tree.nodes[tree.root.index()],
+    };
     let mut count = 0;
     loop {
         let mut only = None;
-        if child.is_leaf() {
-            // Test the triangles; stop if all rays are blocked
-            test_block::<I, P>(isa, tree, child.index(), rays, packets);
+        // Test the eight boxes against the frustum
+        let (mask, depths) = frustum.test(isa.eight(), node, rays.z_max);
+        if mask != 0 {
+            let children = ChildWindows {
+                borders: frustum.windows::<I::Eight, P::Projection>(isa.eight(), node),
+                depths: depths.to_array(),
+            };
+            // Test the blocks among them
+            let blocks = mask & node.blocks(isa.eight());
+            children.test_blocks::<I, P>(isa, (tree, node), blocks, rays, packets);
             if P::IS_ANY && rays.z_max == OFF {
                 return;
             }
-        } else {
-            // Test the eight boxes against the frustum, then against the windows of rays
-            let node = &tree.nodes[child.index()];
-            let (mask, depths) = frustum.test(isa.eight(), node, rays.z_max);
-            if mask != 0 {
-                let mask = with_rays::<I, P::Projection>(isa, &frustum, rays, node, mask, &depths.to_array());
-                if mask != 0 && mask & (mask - 1) == 0 {
-                    only = Some(node.children[mask.trailing_zeros() as usize % WIDTH]);
-                } else {
-                    count = stack.push(isa, (tree, node), mask, &depths.to_array(), count);
-                }
+            // Keep the nodes among them that rays reach
+            let nodes = children.with_rays(isa, rays, mask & !blocks);
+            if nodes != 0 && nodes & (nodes - 1) == 0 {
+                only = Some(node.children[nodes.trailing_zeros() as usize % WIDTH]);
+            } else {
+                count = stack.push(isa, (tree, node), nodes, &children.depths, count);
             }
         }
-        // Continue with the only child, or the nearest one that waits and that a ray reaches
-        if let Some(only) = only {
-            child = only;
-            continue;
-        }
-        let Some(next) = stack.pop(count, rays.z_max) else {
-            return;
+        // Continue with the only node, or the nearest one that waits and that a ray reaches
+        let child = match only {
+            Some(only) => only,
+            None => {
+                let Some(next) = stack.pop(count, rays.z_max) else {
+                    return;
+                };
+                count = next.count;
+                next.child
+            }
         };
-        PoppedChild { child, count } = next;
+        node = &tree.nodes[child.index()];
     }
 }
 
-/// Returns the children of `mask` whose window contains a ray that reaches their depth.
-#[inline(always)]
-fn with_rays<I: SimdLevel, J: GroupProjection>(
-    isa: I,
-    frustum: &Frustum,
-    rays: &GroupRays,
-    node: &NativeNode,
-    mask: u32,
-    depths: &[f32; WIDTH],
-) -> u32 {
-    // Project the boxes
-    let [u_min, u_max, v_min, v_max] = frustum.windows::<I::Eight, J>(isa.eight(), node);
-    let mut kept = 0;
-    // Look for a ray in the window of each
-    for slot in lanes(mask) {
-        let slot = slot % WIDTH;
-        let target = DepthWindow {
+/// Windows and least depths of a node's boxes.
+struct ChildWindows {
+    /// Low u, high u, low v and high v of each box.
+    borders: [[f32; WIDTH]; 4],
+    depths: [f32; WIDTH],
+}
+
+impl ChildWindows {
+    /// Returns the window of a box.
+    #[inline(always)]
+    fn window(&self, slot: usize) -> DepthWindow {
+        let [u_min, u_max, v_min, v_max] = &self.borders;
+        DepthWindow {
             u_min: u_min[slot],
             u_max: u_max[slot],
             v_min: v_min[slot],
             v_max: v_max[slot],
-            z_min: depths[slot],
-        };
-        if target.has_ray(isa, rays) {
-            kept |= 1 << slot;
+            z_min: self.depths[slot],
         }
     }
-    kept
+
+    /// Tests the children of `mask`, which are blocks, where rays reach them: for the nearest hits the nearest first.
+    #[inline(always)]
+    fn test_blocks<I: SimdLevel, P: GroupQuery>(
+        &self,
+        isa: I,
+        (tree, node): (TreeView, &NativeNode),
+        mask: u32,
+        rays: &mut GroupRays,
+        packets: &[RayPacket],
+    ) {
+        // Start to load them, and sort them by depth
+        let mut order = [0; WIDTH];
+        let mut count = 0;
+        for slot in lanes(mask) {
+            let slot = slot % WIDTH;
+            prefetch(isa, tree, node.children[slot]);
+            let mut position = count % WIDTH;
+            if !P::IS_ANY {
+                while position > 0 && self.depths[order[position - 1] % WIDTH] > self.depths[slot] {
+                    order[position] = order[position - 1];
+                    position -= 1;
+                }
+            }
+            order[position] = slot;
+            count += 1;
+        }
+        // Test each with the rays in its window, which are listed if they are few
+        for &slot in order.iter().take(count) {
+            let slot = slot % WIDTH;
+            let list = few_rays(isa, &self.window(slot), rays, MAX_SPARSE_RAYS);
+            match &list {
+                Some(list) if list.count == 0 => {}
+                _ => test_block::<I, P>(isa, tree, node.children[slot].index(), list, rays, packets),
+            }
+        }
+    }
+
+    /// Returns the children of `mask` whose window contains a ray that reaches their depth.
+    #[inline(always)]
+    fn with_rays(&self, isa: impl SimdLevel, rays: &GroupRays, mask: u32) -> u32 {
+        let mut kept = 0;
+        for slot in lanes(mask) {
+            let slot = slot % WIDTH;
+            if self.window(slot).has_ray(isa, rays) {
+                kept |= 1 << slot;
+            }
+        }
+        kept
+    }
 }

@@ -264,7 +264,7 @@ pub trait SimdKernel {
 /// Instruction sets that kernels are compiled for, in ascending order. Results are the same with each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum SimdLimit {
-    /// What every processor of the target has.
+    /// Instructions that every processor of the target has.
     Portable,
     /// AVX2 with FMA and BMI, for registers of eight lanes.
     Avx2,
@@ -273,8 +273,7 @@ pub enum SimdLimit {
 }
 
 impl SimdLimit {
-    /// Returns the best set of this machine within one that Embree can be restricted to, such as `avx2`; without one, the
-    /// best.
+    /// Returns the best set of this machine, within that of Embree's name `isa` if one is given: `avx2`, for example.
     pub fn within(isa: Option<&str>) -> SimdLimit {
         // Choose the form of kernels by the set's name
         let limit = match isa {

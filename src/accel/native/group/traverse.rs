@@ -10,8 +10,10 @@ use super::rays::{GroupRays, OFF};
 use crate::accel::native::child_stack::{ChildStack, prefetch};
 use crate::accel::native::layout::{ChildLink, NativeNode, TreeView, WIDTH};
 
-/// Maximum number of rays in a block's box that are listed before its triangles are projected. A full packet has more, so that
-/// with many samples a pixel the search ends at the first packet.
+/// Maximum number of rays in a block's box that are listed before its triangles are projected. A full packet has more,
+/// so that with many samples a pixel the search ends at the first packet. With 15, tracing takes 0.9 of the time without
+/// such lists (10 million triangles, one sample a pixel) or the same (2 million, 16 samples); with 32 it takes 1.08 times
+/// as long for the latter.
 const MAX_SPARSE_RAYS: usize = LANES - 1;
 
 /// Finds the hits of all rays of a group, which are those of `packets`.
@@ -28,10 +30,12 @@ pub(super) fn traverse<I: SimdLevel, P: GroupQuery>(
     }
     let frustum = Frustum::new::<P::Projection>(rays, tree.bounds);
     // Start at the root; a tree of one block gets a node around it
-    let above_root = NativeNode::of_one(tree.bounds, tree.root);
-    let mut node = match tree.root.is_leaf() {
-        true => &above_root,
-        false => &tree.nodes[tree.root.index()],
+    let above_root;
+    let mut node = if tree.root.is_leaf() {
+        above_root = NativeNode::of_one(tree.bounds, tree.root);
+        &above_root
+    } else {
+        &tree.nodes[tree.root.index()]
     };
     let mut count = 0;
     loop {

@@ -24,6 +24,12 @@ pub trait Accel: Send + Sync {
         self.occluded(packets, Coherence::Coherent);
     }
 
+    /// Returns whether [`Accel::occluded_towards`] is faster than [`Accel::occluded`], so that it pays to sort rays by
+    /// their ends.
+    fn gains_from_ends(&self) -> bool {
+        false
+    }
+
     /// Returns the number of coherent packets that a query should have, at most 64: more would leave the
     /// cache, fewer would leave work unshared.
     fn batch(&self) -> usize {

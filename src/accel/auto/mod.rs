@@ -53,6 +53,10 @@ impl Accel for BothAccel<'_> {
         self.native.occluded_towards(packets, end);
     }
 
+    fn gains_from_ends(&self) -> bool {
+        self.native.gains_from_ends()
+    }
+
     fn batch(&self) -> usize {
         self.native.batch()
     }

@@ -173,6 +173,10 @@ impl Accel for TileCulledAccel<'_, '_> {
         self.inner.occluded_towards(packets, end);
     }
 
+    fn gains_from_ends(&self) -> bool {
+        self.inner.gains_from_ends()
+    }
+
     fn batch(&self) -> usize {
         self.inner.batch()
     }

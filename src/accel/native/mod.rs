@@ -222,6 +222,10 @@ impl Accel for NativeAccel<'_> {
         self.occlude_others(packets, Coherence::Coherent);
     }
 
+    fn gains_from_ends(&self) -> bool {
+        self.kernel != Kernel::Single
+    }
+
     fn batch(&self) -> usize {
         MAX_BATCH
     }

@@ -34,6 +34,13 @@ impl<const N: usize> LaneAxes<N> for CommonAxes {
     fn of_lane(&self, _lane: usize) -> [usize; 3] {
         self.0
     }
+
+    /// Permutes three numbers, not the vectors of the sixteen copies of each.
+    #[inline(always)]
+    fn along(&self, point: [f32; 3]) -> [[f32; N]; 3] {
+        let [kx, ky, kz] = self.0;
+        [[point[kx]; N], [point[ky]; N], [point[kz]; N]]
+    }
 }
 
 /// Axes of rays with a dominant one each: the masks of all bits for those whose dominant axis is x, and y.

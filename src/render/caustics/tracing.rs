@@ -253,7 +253,7 @@ impl<'f, 's> PhotonTracer<'f, 's> {
             let paths = paths.from(batch * BATCH);
             let labels_and_accounts =
                 |index: usize| (&paths.at(index).0.pixel, Accounts::All(Category::Caustics));
-            let traced = outcome.meter.trace(packets, labels_and_accounts, |packets| {
+            let traced = outcome.meter.trace(packets, labels_and_accounts, |packets, _| {
                 frame.accel.intersect(packets, stage.order)
             });
             outcome.meter.ledger.book(Category::Caustics, traced);

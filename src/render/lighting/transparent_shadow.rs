@@ -82,7 +82,7 @@ pub(in crate::render) fn attenuate_shadow_rays(
             break;
         }
         let labels_and_accounts = |index: usize| (&payloads[index].pixel, Accounts::All(account));
-        let traced = meter.trace(packets, labels_and_accounts, |packets| {
+        let traced = meter.trace(packets, labels_and_accounts, |packets, _| {
             frame.accel.intersect(packets, order)
         });
         meter.ledger.book(account, traced);

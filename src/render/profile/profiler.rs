@@ -142,14 +142,14 @@ impl Profiler {
         &mut self,
         packets: &mut [RayPacket],
         labels_and_accounts: impl Fn(usize) -> (&'a Lanes<u32>, Accounts<'a>),
-        trace: impl Fn(&mut [RayPacket]),
+        mut trace: impl FnMut(&mut [RayPacket], usize),
     ) -> Tally {
         // Count active lanes, which are -1
         let rays: i32 = packets.iter().flat_map(|packet| &packet.active).sum();
         let seconds = match self.costs.take() {
             // Time all packets together
             None => {
-                trace(packets);
+                trace(packets, 0);
                 self.pass().unwrap_or(0.0)
             }
             // Trace packets one by one to time each of them
@@ -158,7 +158,7 @@ impl Profiler {
                 for (index, packet) in packets.iter_mut().enumerate() {
                     let (labels, accounts) = labels_and_accounts(index);
                     costs.set_packet(labels, &packet.active);
-                    trace(std::slice::from_mut(packet));
+                    trace(std::slice::from_mut(packet), index);
                     let seconds = self.pass().unwrap_or(0.0);
                     costs.trace(|l| accounts.of(l), seconds);
                     sum += seconds;
@@ -302,7 +302,7 @@ mod tests {
         meter.lap(Category::Film);
         meter.lap_shading();
         let labels_and_accounts = |_| (&[0; LANES], Accounts::All(Category::Camera));
-        let tally = meter.trace(&mut [RayPacket::EMPTY], labels_and_accounts, |_| {});
+        let tally = meter.trace(&mut [RayPacket::EMPTY], labels_and_accounts, |_, _| {});
         assert_eq!(tally, Tally::default());
         assert_eq!(meter.ledger, RenderProfile::default());
     }

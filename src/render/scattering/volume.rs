@@ -251,7 +251,7 @@ impl LightSampler<'_, '_, '_> {
                     let (packets, payloads) = (queued.packets, queued.payloads);
                     let accel = self.frame.accel;
                     let labels_and_accounts = |_| (&payloads[0].pixel, Accounts::All(Category::Shadow));
-                    let traced = self.meter.trace(packets, labels_and_accounts, |packets| {
+                    let traced = self.meter.trace(packets, labels_and_accounts, |packets, _| {
                         accel.occluded(packets, self.stage.order)
                     });
                     self.meter.ledger.book(Category::Shadow, traced);

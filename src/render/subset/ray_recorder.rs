@@ -87,6 +87,11 @@ impl Accel for Recorder<'_> {
         self.accel.occluded_towards(packets, end);
     }
 
+    /// Returns true, so that rays are recorded in queries that serve every backend.
+    fn gains_from_ends(&self) -> bool {
+        true
+    }
+
     /// Returns the largest batch, so that rays are recorded in an order that serves every backend.
     fn batch(&self) -> usize {
         MAX_BATCH

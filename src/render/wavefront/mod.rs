@@ -1,6 +1,7 @@
 //! Wavefront of a tile: ray queues, path states, and the shading of traced packets.
 
 mod layers;
+mod occlusion;
 mod path_state;
 mod ray_queue;
 mod shading;

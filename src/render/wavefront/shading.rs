@@ -6,13 +6,14 @@ use super::super::aov::LightSource;
 use super::super::lighting::{LobeVariants, direct};
 use super::super::profile::{Accounts, Category, Moment, TruncationLimit};
 use super::super::surface::{ConeSource, Surfaces};
+use super::occlusion::{TracingOrder, common_end};
 use super::path_state::{PathState, PathStatePacket};
 use super::ray_queue::{Paths, RayWorkItem};
 use super::shading_state::ShadingState;
 use super::traced_packet::{BatchInfo, TracedPacket};
-use crate::accel::{Accel, Coherence, MAX_BATCH, NO_HIT, RayEnd, RayPacket};
+use crate::accel::{Coherence, NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
-use crate::scene::{Effect, EffectSet, Light, LightKind};
+use crate::scene::{Effect, EffectSet, Light};
 
 impl ShadingState<'_, '_> {
     /// Shades the hits and misses of traced packets: adds radiance to the film and queues shadow rays and secondary
@@ -441,7 +442,8 @@ impl ShadingState<'_, '_> {
         if self.effects::<BASIC>().has(Effect::TransparentShadow) {
             return self.trace_transparent_shadow_rays(order);
         }
-        let (sources, ends) = (self.shadow_queue.sources(), self.shadow_queue.ends());
+        let sources = self.shadow_queue.sources();
+        let mut tracing_order = TracingOrder::new(self.shadow_queue.ends());
         let chosen = match BASIC {
             true => None,
             false => self.shadow_queue.take_chosen(),
@@ -459,13 +461,15 @@ impl ShadingState<'_, '_> {
         if casts {
             let labels_and_accounts =
                 |index: usize| (&payloads[index].pixel, Accounts::All(Category::Shadow));
-            let traced = self.meter.trace(packets, labels_and_accounts, |packets| {
-                occlude(accel, packets, &ends, order);
+            let traced = self.meter.trace(packets, labels_and_accounts, |packets, first| {
+                tracing_order.occlude(accel, packets, first, order);
             });
             self.meter.ledger.book(Category::Shadow, traced);
         }
         // Attenuate unoccluded light by volumes and add it to the film
-        for (index, (packet, payload)) in packets.iter().zip(payloads.iter_mut()).enumerate() {
+        let places = tracing_order.places(packets.len());
+        for (index, payload) in payloads.iter_mut().enumerate() {
+            let packet = &packets[places[index]];
             if casts {
                 direct::block(packet, &mut payload.radiance);
             }
@@ -484,63 +488,10 @@ impl ShadingState<'_, '_> {
                     .add_to_lights(&payload.pixel, &payload.radiance, &chosen[index]);
             }
         }
-        let lanes = (0..packets.len()).map(|index| (&payloads[index].pixel, &packets[index].active));
+        let lanes = (0..packets.len()).map(|index| (&payloads[index].pixel, &packets[places[index]].active));
         self.meter.lap_over(Category::Film, lanes);
         if !BASIC {
             self.shadow_queue.return_chosen(chosen);
-        }
-    }
-}
-
-/// Returns the end that all shadow rays to a light have in common.
-fn common_end(light: &Light) -> Option<RayEnd> {
-    match light.kind {
-        LightKind::Directional { to_light } => Some(RayEnd::Direction(to_light.as_vec3())),
-        LightKind::Point { position, .. } | LightKind::Spot { position, .. } => {
-            Some(RayEnd::Point(position.as_vec3()))
-        }
-        LightKind::Area { .. } => None,
-    }
-}
-
-/// Marks the blocked lanes of packets, of which those with the same end are traced together.
-fn occlude(
-    accel: &dyn Accel,
-    packets: &mut [RayPacket],
-    ends: &[Option<RayEnd>; MAX_BATCH],
-    order: Coherence,
-) {
-    let mut ends = *ends;
-    let ends = &mut ends[..packets.len()];
-    let mut places: [usize; MAX_BATCH] = std::array::from_fn(|index| index);
-    let mut first = 0;
-    while first < packets.len() {
-        // Move the packets with the end of the first behind it
-        let end = ends[first];
-        let mut next = first;
-        for index in first..packets.len() {
-            if ends[index] == end {
-                // A packet that is in its place is not copied onto itself
-                if index != next {
-                    packets.swap(index, next);
-                    ends.swap(index, next);
-                    places.swap(index, next);
-                }
-                next += 1;
-            }
-        }
-        match end.filter(|_| order == Coherence::Coherent) {
-            Some(end) => accel.occluded_towards(&mut packets[first..next], end),
-            None => accel.occluded(&mut packets[first..next], order),
-        }
-        first = next;
-    }
-    // Return all packets to their places
-    for index in 0..packets.len() {
-        while places[index] != index {
-            let place = places[index];
-            packets.swap(index, place);
-            places.swap(index, place);
         }
     }
 }

@@ -249,7 +249,7 @@ impl<'f, 's> TileRenderer<'f, 's> {
         meter.lap_over(Category::Sampling, lanes);
         // Intersect camera rays with the scene
         let labels_and_accounts = |index| (&paths.at(index).0.pixel, Accounts::All(Category::Camera));
-        let traced = meter.trace(packets, labels_and_accounts, |packets| {
+        let traced = meter.trace(packets, labels_and_accounts, |packets, _| {
             self.frame.accel.intersect(packets, stage.order)
         });
         meter.ledger.book(Category::Camera, traced);
@@ -297,9 +297,12 @@ impl<'f, 's> TileRenderer<'f, 's> {
         for (batch, packets) in packets.chunks_mut(BATCH).enumerate() {
             let paths = paths.from(batch * BATCH);
             let labels_and_accounts = |index| paths.labels_and_accounts(index, Category::Reflection);
-            all += self.outcome.meter.trace(packets, labels_and_accounts, |packets| {
-                self.frame.accel.intersect(packets, stage.order)
-            });
+            all += self
+                .outcome
+                .meter
+                .trace(packets, labels_and_accounts, |packets, _| {
+                    self.frame.accel.intersect(packets, stage.order)
+                });
             self.outcome
                 .shade_batch(&mut self.surfaces, packets, paths, stage);
         }

@@ -6,7 +6,7 @@ use crate::support::images;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::support::{random_scenes, scene_folder};
-use whit::accel::{self, Accel, AccelOptions, AccelReport, Backend, Coherence, RayPacket};
+use whit::accel::{self, Accel, AccelOptions, AccelReport, Backend, Coherence, RayEnd, RayPacket};
 use whit::render::{Adaptive, Category, RenderProfile, RenderSettings, Rendering, Tally};
 use whit::scene::Scene;
 
@@ -33,6 +33,19 @@ impl Accel for Counter<'_> {
     fn occluded(&self, packets: &mut [RayPacket], order: Coherence) {
         self.count(packets);
         self.accel.occluded(packets, order);
+    }
+
+    fn occluded_towards(&self, packets: &mut [RayPacket], end: RayEnd) {
+        self.count(packets);
+        self.accel.occluded_towards(packets, end);
+    }
+
+    fn gains_from_ends(&self) -> bool {
+        self.accel.gains_from_ends()
+    }
+
+    fn batch(&self) -> usize {
+        self.accel.batch()
     }
 
     fn report(&self) -> AccelReport {
@@ -118,14 +131,11 @@ fn ray_counts_add_up_in_random_scenes() {
         wavelengths: 4,
         ..RenderSettings::default()
     };
+    let backends = [Backend::default(), Backend::Bsp, Backend::Native];
     let mut ever = [0; Category::ALL.len()];
     for seed in 0..300 {
         let scene = random_scenes::scene(seed);
-        let backend = if seed % 2 == 0 {
-            Backend::default()
-        } else {
-            Backend::Bsp
-        };
+        let backend = backends[seed as usize % backends.len()];
         let ledger = audit(&format!("scene {seed}"), &scene, backend, &settings);
         for (sum, rays) in ever.iter_mut().zip(rays(&ledger)) {
             *sum += rays;
@@ -235,13 +245,10 @@ fn ray_counts_of_pixels_add_up_to_the_totals() {
         wavelengths: 4,
         ..RenderSettings::default()
     };
+    let backends = [Backend::default(), Backend::Bsp, Backend::Native];
     for seed in 0..100 {
         let scene = random_scenes::scene(seed);
-        let backend = if seed % 2 == 0 {
-            Backend::default()
-        } else {
-            Backend::Bsp
-        };
+        let backend = backends[seed as usize % backends.len()];
         audit_pixels(&format!("scene {seed}"), &scene, backend, &settings);
     }
     let filed = scene_folder::named("prism.toml");
@@ -253,4 +260,7 @@ fn ray_counts_of_pixels_add_up_to_the_totals() {
         };
         audit_pixels(&filed.name, &filed.scene, Backend::Bsp, &settings);
     }
+    // Trace shadow rays to three lights, whose packets have ends of their own
+    let filed = scene_folder::named("first_light.gltf");
+    audit_pixels(&filed.name, &filed.scene, Backend::Native, &filed.settings(64, 2));
 }

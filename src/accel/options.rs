@@ -153,8 +153,8 @@ pub struct AccelOptions<'a> {
     /// Number of build threads; 0 means one per processor.
     pub threads: usize,
     /// Instruction set that Embree and the kernels of the other backends are restricted to (`sse2`, `sse4.2`, `avx`,
-    /// `avx2`, `avx512`); the best of this machine if absent. Below AVX2 whit's own kernels take their portable form;
-    /// its callbacks in Embree always take the best.
+    /// `avx2`, `avx512`); the best of this machine if absent. Below AVX2 whit's own kernels, those of its callbacks in
+    /// Embree included, take their portable form.
     pub isa: Option<String>,
     /// Cache of per-mesh build results, for a scene that is one of several.
     pub mesh_cache: Option<&'a MeshCache>,

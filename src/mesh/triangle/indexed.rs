@@ -3,6 +3,8 @@
 //!
 //! The arithmetic is that of [`Shear::intersect`], operation by operation, so the results are bit-identical.
 
+#[cfg(any(test, feature = "embree"))]
+use super::PACK;
 use super::near_origin::may_be_behind;
 use super::shear_lanes::LaneAxes;
 use super::{Shear, ShearLanes, TriangleHit, project};
@@ -89,11 +91,11 @@ pub(crate) struct HitLanes<const N: usize> {
 }
 
 impl<const N: usize, A: LaneAxes<N>> ShearLanes<N, A> {
-    /// Transforms one point to the frame of each ray.
+    /// Transforms one of eight points, given by axis, to the frame of each ray.
     #[cfg(any(test, feature = "embree"))]
     #[inline(always)]
-    pub(crate) fn sheared(&self, point: [f32; 3]) -> ShearedVertex<N> {
-        self.sheared_along(&self.axes.along(point))
+    pub(crate) fn sheared_slot(&self, points: &[[f32; PACK]; 3], slot: usize) -> ShearedVertex<N> {
+        self.sheared_along(&self.axes.along_slot(points, slot))
     }
 
     /// Transforms points, given by their coordinates in the order of the axes of each ray, to the frames of the rays.
@@ -273,7 +275,7 @@ mod tests {
         corners: [[f32; 3]; 3],
     ) -> [Option<TriangleHit>; 8] {
         // Project the vertices once
-        let vertices = corners.map(|corner| shears.sheared(corner));
+        let vertices = corners.map(|corner| shears.sheared_slot(&corner.map(|x| [x; PACK]), 3));
         let [a, b, c] = &vertices;
         // Test the triangle
         let active = may_contain_origin(isa, [&a.projected, &b.projected, &c.projected]);

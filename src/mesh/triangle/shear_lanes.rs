@@ -1,5 +1,7 @@
 //! Watertight test of several rays, which share their dominant axis or have one each, with one triangle or with one each.
 
+#[cfg(any(test, feature = "embree"))]
+use super::PACK;
 use super::shear::axes_around;
 use super::{EdgeTest, LaneHits, Shear, edge_test, project};
 use crate::mesh::simd::{SimdLevel, div, lanes};
@@ -16,6 +18,13 @@ pub trait LaneAxes<const N: usize>: Copy {
     #[inline(always)]
     fn along(&self, [x, y, z]: [f32; 3]) -> [[f32; N]; 3] {
         self.permuted([&[x; N], &[y; N], &[z; N]])
+    }
+
+    /// Returns the coordinates of one of eight points, given by axis, in the order of the axes of each ray.
+    #[cfg(any(test, feature = "embree"))]
+    #[inline(always)]
+    fn along_slot(&self, [x, y, z]: &[[f32; PACK]; 3], slot: usize) -> [[f32; N]; 3] {
+        self.along([x[slot], y[slot], z[slot]])
     }
 }
 
@@ -35,11 +44,22 @@ impl<const N: usize> LaneAxes<N> for CommonAxes {
         self.0
     }
 
-    /// Permutes three numbers, not the vectors of the sixteen copies of each.
+    // Permutes three numbers, or the rows they are in, not the vectors of the copies of each
     #[inline(always)]
     fn along(&self, point: [f32; 3]) -> [[f32; N]; 3] {
         let [kx, ky, kz] = self.0;
         [[point[kx]; N], [point[ky]; N], [point[kz]; N]]
+    }
+
+    #[cfg(any(test, feature = "embree"))]
+    #[inline(always)]
+    fn along_slot(&self, points: &[[f32; PACK]; 3], slot: usize) -> [[f32; N]; 3] {
+        let [kx, ky, kz] = self.0;
+        [
+            [points[kx][slot]; N],
+            [points[ky][slot]; N],
+            [points[kz][slot]; N],
+        ]
     }
 }
 

@@ -19,6 +19,7 @@ use crate::accel::embree::user_geometry::callbacks;
 use crate::accel::embree::user_geometry::primitives::{InstancedScene, UserGeometry};
 use crate::accel::embree::user_geometry::triangle_cluster::TriangleClusters;
 use crate::accel::{AccelError, AccelOptions, Instancing};
+use crate::mesh::simd::SimdLimit;
 use crate::scene::{Instance, Scene};
 
 /// Result of building all scenes.
@@ -53,7 +54,13 @@ pub(in crate::accel::embree) fn build<'s>(
     // Build triangle clusters and user geometries
     let triangle_clusters = in_pool(options.threads, || plan.triangle_clusters(kept_clusters(options)));
     let users = in_pool(options.threads, || {
-        UserGeometry::pair((scene, plan.origin_bound()), parts, triangle_clusters, instancing)
+        UserGeometry::pair(
+            (scene, plan.origin_bound()),
+            SimdLimit::within(options.isa.as_deref()),
+            parts,
+            triangle_clusters,
+            instancing,
+        )
     });
     let users = users.map(Arc::new);
 
@@ -108,6 +115,7 @@ fn build_instanced<'s>(
             Triangles::TriangleClusters(triangle_clusters) => {
                 let user = Arc::new(UserGeometry::of_triangle_clusters(
                     plan.scene(),
+                    SimdLimit::within(options.isa.as_deref()),
                     triangle_clusters,
                 ));
                 scene.attach_user(device, &user, 0)?;

@@ -16,7 +16,7 @@ use crate::accel::embree::query::trace::new_query;
 use crate::accel::embree::scene::SceneRef;
 use crate::accel::shape_query::{point_hit, shape_hit, world_sphere};
 use crate::accel::{Coherence, Hit, NO_HIT, Query};
-use crate::mesh::simd::{dispatch, lanes};
+use crate::mesh::simd::{SimdLimit, lanes};
 use crate::numeric::{Ray, object_ray};
 use crate::scene::{Geometry, Instance};
 use crate::shape::Shape;
@@ -146,15 +146,17 @@ impl CallbackArgs {
         let done = user.guarded(|| {
             hit = match user.primitive(self.primitive) {
                 Some(Primitive::Spheres(spheres)) => {
-                    intersect_spheres::<W>(spheres, packet, &active, query_kind)
+                    intersect_spheres::<W>(user.simd(), spheres, packet, &active, query_kind)
                 }
-                Some(Primitive::TriangleCluster(patch)) => {
-                    intersect_cluster::<W>(patch, packet, &active, query_kind)
+                Some(Primitive::TriangleCluster(cluster)) => {
+                    intersect_cluster::<W>(user.simd(), cluster, packet, &active, query_kind)
                 }
                 Some(Primitive::Instance(index, instance)) => {
                     self.intersect_instance::<W>(user, (index, instance), (packet, &active), query_kind)
                 }
-                Some(Primitive::Points(points)) => intersect_points::<W>(points, packet, &active, query_kind),
+                Some(Primitive::Points(points)) => {
+                    intersect_points::<W>(user.simd(), points, packet, &active, query_kind)
+                }
                 None => [0; W],
             };
         });
@@ -179,7 +181,9 @@ impl CallbackArgs {
     ) -> [i32; W] {
         let number = placed.1.geometry;
         match (user.geometry(number), user.part(number)) {
-            (Geometry::Shape(shape), _) => intersect_shape::<W>(placed, shape, packet, active, query_kind),
+            (Geometry::Shape(shape), _) => {
+                intersect_shape::<W>(user.simd(), (placed, shape), packet, active, query_kind)
+            }
             (Geometry::Mesh(_), Some(part)) => {
                 self.intersect_mesh::<W>(placed, part, packet, active, query_kind)
             }
@@ -191,8 +195,8 @@ impl CallbackArgs {
 /// Tests one shape in f64, on the exact extension of the f32 rays.
 #[inline(always)]
 fn intersect_shape<const W: usize>(
-    (index, instance): (u32, &Instance),
-    shape: &Shape,
+    simd: SimdLimit,
+    ((index, instance), shape): ((u32, &Instance), &Shape),
     packet: CallbackPacket,
     active: &[i32; W],
     query_kind: Query,
@@ -202,7 +206,7 @@ fn intersect_shape<const W: usize>(
         && !instance.is_moving()
         && let Some(sphere) = world_sphere(&instance.pose(0.0), shape)
     {
-        return dispatch(SphereKernel {
+        return simd.dispatch(SphereKernel {
             sphere: &sphere,
             instance: index,
             primitive: 0,
@@ -220,6 +224,7 @@ fn intersect_shape<const W: usize>(
 /// Tests the points of a cluster in f64, on the exact extension of the f32 rays.
 #[inline(always)]
 fn intersect_points<const W: usize>(
+    simd: SimdLimit,
     points: PlacedPoints,
     packet: CallbackPacket,
     active: &[i32; W],
@@ -238,7 +243,7 @@ fn intersect_points<const W: usize>(
             instances: &[index; MEMBERS],
             primitives: points.slots(),
         };
-        return intersect_spheres::<W>(numbered, packet, active, query_kind);
+        return intersect_spheres::<W>(simd, numbered, packet, active, query_kind);
     }
     // Otherwise test one point after the other
     let mut hit = [0; W];
@@ -414,6 +419,7 @@ mod tests {
         let near = (&scene, OriginBound::default());
         let [user, _] = UserGeometry::pair(
             near,
+            SimdLimit::Avx512,
             vec![None],
             TriangleClusters::default(),
             Instancing::Callback,

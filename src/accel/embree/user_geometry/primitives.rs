@@ -16,6 +16,7 @@ use crate::accel::embree::instance_kind::is_user;
 use crate::accel::embree::origin_bound::OriginBound;
 use crate::accel::embree::scene::{EmbreeScene, SceneRef};
 use crate::accel::shape_query::world_sphere;
+use crate::mesh::simd::SimdLimit;
 use crate::numeric::{AnimatedTransform, Bounds};
 use crate::scene::{Geometry, Instance, Scene};
 use crate::shape::Sphere;
@@ -37,6 +38,8 @@ pub(in crate::accel::embree) struct UserGeometry<'s> {
     step_count: u32,
     /// Bound on the origins of rays.
     origin_bound: OriginBound,
+    /// Instruction sets of the tests.
+    simd: SimdLimit,
     panic_count: AtomicU64,
 }
 
@@ -84,6 +87,7 @@ impl<'s> UserGeometry<'s> {
     /// native.
     pub(in crate::accel::embree) fn pair(
         (scene, origin_bound): (&'s Scene, OriginBound),
+        simd: SimdLimit,
         parts: Vec<Option<InstancedScene<'s>>>,
         triangle_clusters: TriangleClusters,
         instancing: Instancing,
@@ -112,7 +116,7 @@ impl<'s> UserGeometry<'s> {
             points: PointClusters::of(scene, &clouds, Motion::Static),
             parts: parts.clone(),
             origin_bound,
-            ..UserGeometry::of_triangle_clusters(scene, triangle_clusters)
+            ..UserGeometry::of_triangle_clusters(scene, simd, triangle_clusters)
         };
         let moving = UserGeometry {
             instances: moving.iter().map(|(index, _)| *index).collect(),
@@ -120,7 +124,7 @@ impl<'s> UserGeometry<'s> {
             parts,
             step_count,
             origin_bound,
-            ..UserGeometry::of_triangle_clusters(scene, TriangleClusters::default())
+            ..UserGeometry::of_triangle_clusters(scene, simd, TriangleClusters::default())
         };
         [still, moving]
     }
@@ -128,6 +132,7 @@ impl<'s> UserGeometry<'s> {
     /// Creates a user geometry of triangle clusters alone.
     pub(in crate::accel::embree) fn of_triangle_clusters(
         scene: &'s Scene,
+        simd: SimdLimit,
         triangle_clusters: TriangleClusters,
     ) -> UserGeometry<'s> {
         UserGeometry {
@@ -139,8 +144,15 @@ impl<'s> UserGeometry<'s> {
             parts: Arc::new([]),
             step_count: 0,
             origin_bound: OriginBound::default(),
+            simd,
             panic_count: AtomicU64::new(0),
         }
+    }
+
+    /// Returns the instruction sets that callbacks may use.
+    #[inline(always)]
+    pub(super) fn simd(&self) -> SimdLimit {
+        self.simd
     }
 
     /// Returns the number of equal time steps between the boxes of a primitive; 0 if nothing moves.

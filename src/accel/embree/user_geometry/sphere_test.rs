@@ -11,13 +11,14 @@ use super::sphere_cull::{PacketCull, Sphere32};
 use crate::accel::embree::query::ray_packet::{CallbackPacket, active_lanes, ray_of, row};
 use crate::accel::shape_query::sphere_at;
 use crate::accel::{ACTIVE, Hit, NO_HIT, Query};
-use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch, lanes};
+use crate::mesh::simd::{SimdKernel, SimdLevel, SimdLimit, lanes};
 use crate::numeric::Ray;
 use crate::shape::Sphere;
 
 /// Tests the spheres of a cluster in f64, on the exact extension of the f32 rays; returns the mask of lanes with a hit.
 #[inline(always)]
 pub(super) fn intersect_spheres<const W: usize>(
+    simd: SimdLimit,
     spheres: NumberedSpheres,
     packet: CallbackPacket,
     active: &[i32; W],
@@ -25,7 +26,7 @@ pub(super) fn intersect_spheres<const W: usize>(
 ) -> [i32; W] {
     // Test a packet against one sphere after the other
     if W > 1 {
-        return dispatch(SphereClusterKernel {
+        return simd.dispatch(SphereClusterKernel {
             spheres,
             packet,
             active,
@@ -41,7 +42,7 @@ pub(super) fn intersect_spheres<const W: usize>(
     let mut hit = [0; W];
     for lane in (0..W).filter(|&lane| active[lane] != 0) {
         let ray = &ray_of(&origin, &direction, (t_near[lane], t_far[lane], 0.0), lane);
-        if let Some(found) = dispatch(SphereClusterRay { spheres, ray }) {
+        if let Some(found) = simd.dispatch(SphereClusterRay { spheres, ray }) {
             hit[lane] = record_hit(packet, lane, t_far[lane], &found, query_kind);
         }
     }

@@ -10,7 +10,7 @@ use super::hit_record::{number_of, record_hit};
 use super::triangle_cluster::{CORNERS, MEMBERS, TriangleCluster};
 use crate::accel::embree::query::ray_packet::{CallbackPacket, active_lanes, row};
 use crate::accel::{ACTIVE, Hit, NO_HIT, Query};
-use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch_sixteen, div, lanes};
+use crate::mesh::simd::{SimdKernel, SimdLevel, SimdLimit, div, lanes};
 use crate::mesh::triangle::{
     HitLanes, LaneAxes, PACK, ProjectedVertices, Shear, ShearLanes, ShearedVertex, dominant_axes,
     may_contain_origin,
@@ -24,12 +24,13 @@ const FEW_RAYS: f32 = 3.0 / 8.0;
 /// Tests the triangles of a cluster against a packet and returns the mask of active lanes with a hit.
 #[inline(always)]
 pub(super) fn intersect_cluster<const W: usize>(
+    simd: SimdLimit,
     cluster: TriangleCluster,
     packet: CallbackPacket,
     active: &[i32; W],
     query_kind: Query,
 ) -> [i32; W] {
-    dispatch_sixteen(ClusterKernel {
+    simd.dispatch_sixteen(ClusterKernel {
         cluster,
         packet,
         active,
@@ -113,8 +114,10 @@ impl<const W: usize> ClusterKernel<'_, W> {
         let cluster = self.cluster;
         // Project each vertex of the cluster once for all rays
         let mut projected = [const { MaybeUninit::<ShearedVertex<W>>::uninit() }; CORNERS];
-        for (index, slot) in projected.iter_mut().enumerate().take(cluster.corner_count()) {
-            slot.write(shears.sheared(cluster.corner(index)));
+        let [first, second] = cluster.first_blocks();
+        let blocks = [first, second, cluster.last().unwrap_or(first)];
+        for (index, vertex) in projected.iter_mut().enumerate().take(cluster.corner_count()) {
+            vertex.write(shears.sheared_slot(blocks[index / PACK], index % PACK));
         }
         let first = projected.as_ptr().cast::<ShearedVertex<W>>();
         // SAFETY: a triangle's vertex indices are below `corner_count`, and that many elements were written.

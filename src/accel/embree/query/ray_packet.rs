@@ -96,6 +96,63 @@ impl<const W: usize> Lanes<W> {
         Lanes { rows, active: [0; W] }
     }
 
+    /// Copies the rays of part `number` of a packet, whose active rays are traceable, without their hits; inactive lanes
+    /// are zero.
+    #[inline(always)]
+    pub(super) fn of_part(packet: &RayPacket, number: usize) -> Lanes<W> {
+        let mut part = Lanes::new();
+        part.active = *lanes_of(&packet.active, number);
+        let [origin, direction] = [&packet.origin, &packet.direction];
+        for (row, values) in [
+            (row::ORIGIN, &origin[0]),
+            (row::ORIGIN + 1, &origin[1]),
+            (row::ORIGIN + 2, &origin[2]),
+            (row::T_NEAR, &packet.t_near),
+            (row::DIRECTION, &direction[0]),
+            (row::DIRECTION + 1, &direction[1]),
+            (row::DIRECTION + 2, &direction[2]),
+            (row::TIME, &packet.time),
+            (row::T_FAR, &packet.t_far),
+        ] {
+            let values: &[f32; W] = lanes_of(values, number);
+            for lane in 0..W {
+                // The bits of active lanes are all set
+                part.rows[row][lane] = values[lane].to_bits() & part.active[lane] as u32;
+            }
+        }
+        part
+    }
+
+    /// Writes the results of a query into part `number` of the packet that it was copied from.
+    #[inline(always)]
+    pub(super) fn put_results(&self, packet: &mut RayPacket, number: usize, query_kind: Query) {
+        let t_far = lanes_of_mut::<_, W>(&mut packet.t_far, number);
+        if query_kind == Query::Any {
+            for lane in 0..W {
+                let is_blocked = self.is_active(lane) & self.is_blocked(lane);
+                t_far[lane] = if is_blocked {
+                    f32::NEG_INFINITY
+                } else {
+                    t_far[lane]
+                };
+            }
+            return;
+        }
+        // Replace the hits of the lanes that have one
+        let [u, v] = [&mut packet.u, &mut packet.v].map(|row| lanes_of_mut::<_, W>(row, number));
+        let [primitive, instance] =
+            [&mut packet.primitive, &mut packet.instance].map(|row| lanes_of_mut::<_, W>(row, number));
+        for lane in 0..W {
+            let is_hit = self.is_active(lane) & (self.rows[row::INSTANCE][lane] != NO_HIT);
+            let hit = hit_of(self, lane);
+            t_far[lane] = if is_hit { hit.t } else { t_far[lane] };
+            u[lane] = if is_hit { hit.u } else { u[lane] };
+            v[lane] = if is_hit { hit.v } else { v[lane] };
+            primitive[lane] = if is_hit { hit.primitive } else { primitive[lane] };
+            instance[lane] = if is_hit { hit.instance } else { instance[lane] };
+        }
+    }
+
     /// Sets a lane to a ray without a hit; a ray that is not traceable stays inactive.
     #[inline(always)]
     pub(in crate::accel::embree) fn set(&mut self, lane: usize, ray: &Ray) {
@@ -173,6 +230,20 @@ impl<const W: usize> Lanes<W> {
             _ => unreachable!("Embree traces packets of 1, 4, 8 and 16 rays"),
         }
     }
+}
+
+/// Returns `W` lanes of a row, of which `number` times as many are before them.
+#[inline(always)]
+fn lanes_of<T, const W: usize>(row: &[T; LANES], number: usize) -> &[T; W] {
+    let (parts, _) = row.as_chunks::<W>();
+    &parts[number]
+}
+
+/// Returns `W` lanes of a row as [`lanes_of`] does, for writing.
+#[inline(always)]
+fn lanes_of_mut<T, const W: usize>(row: &mut [T; LANES], number: usize) -> &mut [T; W] {
+    let (parts, _) = row.as_chunks_mut::<W>();
+    &mut parts[number]
 }
 
 /// View of lanes `first .. first + W` of a packet that Embree passes to a callback.

@@ -6,10 +6,10 @@ use embree_sys as sys;
 use multiversion::multiversion;
 
 use super::packet_width::{Width, Widths};
-use super::ray_packet::{Lanes, hit_of, is_vanishing, row};
+use super::ray_packet::{Lanes, is_vanishing};
 use crate::accel::embree::native_instances;
 use crate::accel::embree::scene::{EmbreeScene, SceneRef};
-use crate::accel::{Coherence, LANES, NO_HIT, Query, RayPacket};
+use crate::accel::{Coherence, LANES, Query, RayPacket};
 
 /// Traces every packet with a traceable lane, with the query that suits its rays.
 #[inline]
@@ -82,37 +82,20 @@ pub(in crate::accel::embree) fn trace_packet(
     }
 }
 
+/// Traces a packet in parts of `W` rays.
 fn trace_split<const W: usize>(
     scene: SceneRef,
     query: *mut sys::EmbreeQuery,
     packet: &mut RayPacket,
     query_kind: Query,
 ) {
-    for first in (0..LANES).step_by(W) {
-        let mut part = part_of::<W>(packet, first);
-        if !part.any_active() {
-            continue;
-        }
-        part.trace(scene, query, query_kind);
-        // Copy the results back into the packet
-        for lane in (0..W).filter(|&lane| part.is_active(lane)) {
-            match query_kind {
-                Query::Nearest if part.get(row::INSTANCE, lane) != NO_HIT => {
-                    packet.set_hit(first + lane, &hit_of(&part, lane));
-                }
-                Query::Any if part.is_blocked(lane) => packet.set_blocked(first + lane),
-                _ => {}
-            }
+    for number in 0..LANES / W {
+        let mut part = Lanes::<W>::of_part(packet, number);
+        if part.any_active() {
+            part.trace(scene, query, query_kind);
+            part.put_results(packet, number, query_kind);
         }
     }
-}
-
-fn part_of<const W: usize>(packet: &RayPacket, first: usize) -> Lanes<W> {
-    let mut part = Lanes::new();
-    for lane in (0..W).filter(|&lane| packet.is_active(first + lane)) {
-        part.set(lane, &packet.ray(first + lane));
-    }
-    part
 }
 
 /// State of a packet after untraceable lanes are deactivated.

@@ -99,9 +99,10 @@ impl<const W: usize> Lanes<W> {
     /// Copies the rays of part `number` of a packet, whose active rays are traceable, without their hits; inactive lanes
     /// are zero.
     #[inline(always)]
-    pub(super) fn of_part(packet: &RayPacket, number: usize) -> Lanes<W> {
-        let mut part = Lanes::new();
-        part.active = *lanes_of(&packet.active, number);
+    pub(super) fn load_rays(&mut self, packet: &RayPacket, number: usize) {
+        self.active = *lanes_of(&packet.active, number);
+        self.rows[row::INSTANCE] = [NO_HIT; W];
+        self.rows[row::LEVEL] = [NO_HIT; W];
         let [origin, direction] = [&packet.origin, &packet.direction];
         for (row, values) in [
             (row::ORIGIN, &origin[0]),
@@ -117,10 +118,9 @@ impl<const W: usize> Lanes<W> {
             let values: &[f32; W] = lanes_of(values, number);
             for lane in 0..W {
                 // The bits of active lanes are all set
-                part.rows[row][lane] = values[lane].to_bits() & part.active[lane] as u32;
+                self.rows[row][lane] = values[lane].to_bits() & self.active[lane] as u32;
             }
         }
-        part
     }
 
     /// Writes the results of a query into part `number` of the packet that it was copied from.

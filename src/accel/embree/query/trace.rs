@@ -89,8 +89,9 @@ fn trace_split<const W: usize>(
     packet: &mut RayPacket,
     query_kind: Query,
 ) {
+    let mut part = Lanes::<W>::new();
     for number in 0..LANES / W {
-        let mut part = Lanes::<W>::of_part(packet, number);
+        part.load_rays(packet, number);
         if part.any_active() {
             part.trace(scene, query, query_kind);
             part.put_results(packet, number, query_kind);

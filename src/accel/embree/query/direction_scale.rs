@@ -7,6 +7,8 @@
 //! [`SMALL`] or more, the error that Embree makes in the other components is 10^-12 of it, which the padding of boxes
 //! covers.
 
+use multiversion::multiversion;
+
 use crate::accel::{LANES, RayPacket};
 
 /// Directions whose largest component is below this are lengthened: 2^-20.
@@ -35,8 +37,8 @@ impl RescaledRays {
     #[inline(always)]
     pub(in crate::accel::embree) fn of(packets: &mut [RayPacket]) -> RescaledRays {
         let mut lanes = Vec::new();
-        for (number, packet) in packets.iter_mut().enumerate() {
-            if has_out_of_range(packet) {
+        if has_out_of_range(packets) {
+            for (number, packet) in packets.iter_mut().enumerate() {
                 rescale(packet, number, &mut lanes);
             }
         }
@@ -52,19 +54,28 @@ impl RescaledRays {
     }
 }
 
-#[inline(always)]
-fn has_out_of_range(packet: &RayPacket) -> bool {
-    let [x, y, z] = &packet.direction;
-    let mut any = false;
-    for lane in 0..LANES {
-        // Without sign bits, floats order as their bits do. Inactive lanes often have a zero direction and are ignored.
-        let size = |x: f32| x.to_bits() & 0x7fff_ffff;
-        let largest = size(x[lane]).max(size(y[lane])).max(size(z[lane]));
-        // One unsigned comparison tests both ends, as values below the lower bound wrap around.
-        let is_out_of_range = largest.wrapping_sub(SMALL.to_bits()) >= LARGE.to_bits() - SMALL.to_bits();
-        any |= is_out_of_range & packet.is_active(lane);
+/// Returns whether any direction may have to be rescaled.
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2", "x86_64+sse4.2"))]
+fn has_out_of_range(packets: &[RayPacket]) -> bool {
+    let mut any = [0; LANES];
+    for packet in packets {
+        let [x, y, z] = &packet.direction;
+        for lane in 0..LANES {
+            // Inactive lanes often have a zero direction and are ignored
+            let [x, y, z] = [size(x[lane]), size(y[lane]), size(z[lane])];
+            let largest = x.max(y).max(z);
+            // One unsigned comparison tests both ends, as values below the lower bound wrap around.
+            let is_out_of_range = largest.wrapping_sub(SMALL.to_bits()) >= LARGE.to_bits() - SMALL.to_bits();
+            any[lane] |= if is_out_of_range { packet.active[lane] } else { 0 };
+        }
     }
-    any
+    any != [0; LANES]
+}
+
+/// Returns the bits of the absolute value of a number, which order as these values do.
+#[inline(always)]
+fn size(x: f32) -> u32 {
+    x.to_bits() & 0x7fff_ffff
 }
 
 #[cold]

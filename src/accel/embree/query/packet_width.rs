@@ -106,46 +106,46 @@ impl Widths {
 /// Returns whether the active rays differ so little in direction that Embree's traversal of coherent rays pays.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2", "x86_64+sse4.2"))]
 fn is_narrow(packet: &RayPacket) -> bool {
-    let directions = Spread::of(&packet.direction, &packet.active);
-    directions.distance <= MAX_COHERENT_DISTANCE * directions.length
+    let first = first_active(packet);
+    let limit = MAX_COHERENT_DISTANCE * length_of(&packet.direction, first);
+    are_near(&packet.direction, &packet.active, first, limit)
 }
 
 /// Returns whether enough rays are active, and start and point near enough to each other, to be traced as one packet.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2", "x86_64+sse4.2"))]
 fn is_near(packet: &RayPacket, max_origin_distance: f32) -> bool {
     let lanes: u32 = packet.active.iter().map(|&active| u32::from(active != 0)).sum();
-    let origins = Spread::of(&packet.origin, &packet.active);
-    let directions = Spread::of(&packet.direction, &packet.active);
+    let first = first_active(packet);
+    let limit = MAX_DIRECTION_DISTANCE * length_of(&packet.direction, first);
     lanes >= MIN_LANES
-        && origins.distance <= max_origin_distance
-        && directions.distance <= MAX_DIRECTION_DISTANCE * directions.length
+        && are_near(&packet.origin, &packet.active, first, max_origin_distance)
+        && are_near(&packet.direction, &packet.active, first, limit)
 }
 
-/// Spread of the points or directions of a packet's active lanes around that of the first of them.
-struct Spread {
-    /// Largest distance from the first along an axis.
-    distance: f32,
-    /// Largest absolute value of a coordinate of the first.
-    length: f32,
+/// Returns the first active lane; 0 if there is none.
+#[inline(always)]
+fn first_active(packet: &RayPacket) -> usize {
+    packet.active.iter().position(|&active| active != 0).unwrap_or(0)
 }
 
-impl Spread {
-    #[inline(always)]
-    fn of(rows: &[[f32; LANES]; 3], active: &[i32; LANES]) -> Spread {
-        let first = active.iter().position(|&active| active != 0).unwrap_or(0);
-        // Take the largest distance of each lane, then that of all lanes
-        let mut distances = [0.0f32; LANES];
-        for row in rows {
-            for lane in 0..LANES {
-                let distance = (row[lane] - row[first]).abs();
-                distances[lane] = distances[lane].max(if active[lane] == 0 { 0.0 } else { distance });
-            }
-        }
-        Spread {
-            distance: distances.iter().copied().fold(0.0, f32::max),
-            length: rows.iter().map(|row| row[first].abs()).fold(0.0, f32::max),
+/// Returns the largest absolute value of a coordinate of a lane.
+#[inline(always)]
+fn length_of(rows: &[[f32; LANES]; 3], lane: usize) -> f32 {
+    rows.iter().map(|row| row[lane].abs()).fold(0.0, f32::max)
+}
+
+/// Returns whether the points or directions of all active lanes are at most `limit` from that of `first` along each axis.
+#[inline(always)]
+fn are_near(rows: &[[f32; LANES]; 3], active: &[i32; LANES], first: usize, limit: f32) -> bool {
+    // Compare in lanes: the largest distance would be found lane by lane
+    let mut far = 0;
+    for row in rows {
+        for lane in 0..LANES {
+            let is_far = (row[lane] - row[first]).abs() > limit;
+            far |= if is_far { active[lane] } else { 0 };
         }
     }
+    far == 0
 }
 
 #[cfg(test)]

@@ -193,7 +193,7 @@ impl CallbackArgs {
 }
 
 /// Tests one shape in f64, on the exact extension of the f32 rays.
-#[inline(always)]
+#[inline(never)]
 fn intersect_shape<const W: usize>(
     simd: SimdLimit,
     ((index, instance), shape): ((u32, &Instance), &Shape),
@@ -222,7 +222,7 @@ fn intersect_shape<const W: usize>(
 }
 
 /// Tests the points of a cluster in f64, on the exact extension of the f32 rays.
-#[inline(always)]
+#[inline(never)]
 fn intersect_points<const W: usize>(
     simd: SimdLimit,
     points: PlacedPoints,
@@ -306,7 +306,7 @@ const REACH: f32 = 1.0 + 1.0 / (1 << 20) as f32;
 
 impl CallbackArgs {
     /// Transforms the rays into the object space of an instanced mesh and traces its own scene with the current query.
-    #[inline(always)]
+    #[inline(never)]
     fn intersect_mesh<const W: usize>(
         &self,
         (index, instance): (u32, &Instance),

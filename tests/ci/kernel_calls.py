@@ -35,7 +35,6 @@ ALLOWED = [
     ("::vectorize", "::bsp::", "shapes and instanced meshes, ray by ray"),
     ("::vectorize", "core::ops::function::", "the same, through a reference"),
     ("::evaluate_textures", "::packet_lookup::fetch::", "levels of mipmaps, lane by lane"),
-    ("::cloud::fill_row", "scatter", "the values of a row of a grid, computed once"),
     ("::special_direct", "scatter", "colours of thin films alone"),
     ("::procedural::sample_packet", "scatter", "colours of patterns, whose values take longer"),
     ("::sample_batch::sample", "scatter", "fields of volumes, whose values take longer"),

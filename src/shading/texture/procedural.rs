@@ -72,16 +72,13 @@ pub(super) fn sample_packet(
     let [longer, shorter] = &points.axes;
     // Count the boxes along the longer axes, and choose their widths
     let mut counts = [1.0; LANES];
-    let mut most: f64 = 1.0;
     for l in 0..LANES {
         let length = |axis: &Lanes3<f64>| {
             (axis[0][l] * axis[0][l] + axis[1][l] * axis[1][l] + axis[2][l] * axis[2][l]).sqrt()
         };
         let ratio = (length(longer) / length(shorter)).ceil();
         // An axis of zero length gives an infinite ratio; NaN means that both are zero
-        let count = if ratio > 1.0 { ratio.min(MAX_PROBES) } else { 1.0 };
-        counts[l] = if mask[l] { count } else { 1.0 };
-        most = most.max(counts[l]);
+        counts[l] = if ratio > 1.0 { ratio.min(MAX_PROBES) } else { 1.0 };
     }
     // Cover the footprint by the widths of the boxes
     let mut width = [[0.0; LANES]; 3];
@@ -90,31 +87,40 @@ pub(super) fn sample_packet(
             width[axis][l] = shorter[axis][l].abs() + longer[axis][l].abs() / counts[l];
         }
     }
-    // Add up the colours of the boxes
-    // Lanes with fewer boxes than the others add none of them
+    // List the lane of each box, as some lanes have many and others few
+    let mut lanes = [0u8; LANES * MAX_PROBES as usize];
+    let mut box_count = 0;
+    for l in (0..LANES).filter(|&l| mask[l]) {
+        let end = box_count + counts[l] as usize;
+        lanes[box_count..end].fill(l as u8);
+        box_count = end;
+    }
+    // Add up the colours of the boxes, sixteen at a time
     let [a, b] = procedural.colors;
-    let mut sums = [[0.0; LANES]; 4];
-    for probe in 0..most as u32 {
-        let probe = f64::from(probe);
-        let mut p = points.p;
-        for axis in 0..3 {
-            for l in 0..LANES {
-                p[axis][l] += longer[axis][l] * ((probe + 0.5) / counts[l] - 0.5);
+    let (mut sums, mut begun) = ([[0.0; 4]; LANES], [0.0; LANES]);
+    for lanes in lanes[..box_count].chunks(LANES) {
+        let (mut p, mut sides) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
+        for (k, &l) in lanes.iter().enumerate() {
+            let l = usize::from(l) % LANES;
+            let along = (begun[l] + 0.5) / counts[l] - 0.5;
+            begun[l] += 1.0;
+            for axis in 0..3 {
+                p[axis][k] = points.p[axis][l] + longer[axis][l] * along;
+                sides[axis][k] = width[axis][l];
             }
         }
-        let weights = scaled_weights(procedural, &p, &width);
-        for channel in 0..4 {
-            for l in 0..LANES {
-                let color = (1.0 - weights[l]) * a[channel] + weights[l] * b[channel];
-                let sum = sums[channel][l] + color;
-                sums[channel][l] = if probe < counts[l] { sum } else { sums[channel][l] };
+        let weights = scaled_weights(procedural, &p, &sides);
+        for (&l, weight) in lanes.iter().zip(weights) {
+            let sum = &mut sums[usize::from(l) % LANES];
+            for channel in 0..4 {
+                sum[channel] += (1.0 - weight) * a[channel] + weight * b[channel];
             }
         }
     }
     // Divide by their number
     for l in 0..LANES {
         for channel in 0..4 {
-            texels[l][channel] = sums[channel][l] / counts[l] as f32;
+            texels[l][channel] = sums[l][channel] / counts[l] as f32;
         }
     }
 }

@@ -51,15 +51,15 @@ pub(crate) fn noise_at<const N: usize>(p: &[[f64; N]; 3]) -> [f64; N] {
     // Split the points into their cells and the positions inside
     let [(x, cells_x), (y, cells_y), (z, cells_z)] = [cells_of(&p[0]), cells_of(&p[1]), cells_of(&p[2])];
     // Hash the corners of the cells to gradients, two neighbours at a time
-    let mut hashes = [[0u64; N]; 8];
+    let mut hashes = [[0u32; N]; 8];
     for l in 0..N {
         let along_x = permuted_pair(cells_x[l]);
         for dx in 0..2 {
             let along_y = permuted_pair(along_x[dx] + cells_y[l]);
             for dy in 0..2 {
                 let along_z = permuted_pair(along_y[dy] + cells_z[l]);
-                hashes[4 * dx + 2 * dy][l] = along_z[0] as u64;
-                hashes[4 * dx + 2 * dy + 1][l] = along_z[1] as u64;
+                hashes[4 * dx + 2 * dy][l] = along_z[0];
+                hashes[4 * dx + 2 * dy + 1][l] = along_z[1];
             }
         }
     }
@@ -70,7 +70,7 @@ pub(crate) fn noise_at<const N: usize>(p: &[[f64; N]; 3]) -> [f64; N] {
         let [u, v, w] = [x, y, z].map(|t| t * t * t * (t * (t * 6.0 - 15.0) + 10.0));
         let corner = |dx: usize, dy: usize, dz: usize| {
             let offset = [x - dx as f64, y - dy as f64, z - dz as f64];
-            slope(hashes[4 * dx + 2 * dy + dz][l], offset)
+            slope(u64::from(hashes[4 * dx + 2 * dy + dz][l]), offset)
         };
         let edge = |dy, dz| lerp(u, corner(0, dy, dz), corner(1, dy, dz));
         let face = |dz| lerp(v, edge(0, dz), edge(1, dz));
@@ -82,7 +82,7 @@ pub(crate) fn noise_at<const N: usize>(p: &[[f64; N]; 3]) -> [f64; N] {
 /// Returns the positions of coordinates in their cells, and the indices of the cells.
 // One axis at a time: the compiler would vectorise a loop over three axes in place of that over the points
 #[inline(always)]
-fn cells_of<const N: usize>(coordinates: &[f64; N]) -> ([f64; N], [usize; N]) {
+fn cells_of<const N: usize>(coordinates: &[f64; N]) -> ([f64; N], [u32; N]) {
     let (mut inside, mut cells) = ([0.0; N], [0; N]);
     for l in 0..N {
         let cell = coordinates[l].floor();
@@ -94,19 +94,19 @@ fn cells_of<const N: usize>(coordinates: &[f64; N]) -> ([f64; N], [usize; N]) {
 
 /// Returns the numbers at an index of the permutation, which repeats, and at the next one.
 #[inline(always)]
-fn permuted_pair(index: usize) -> [usize; 2] {
-    let pair = usize::from(PAIRS[index & 255]);
+fn permuted_pair(index: u32) -> [u32; 2] {
+    let pair = u32::from(PAIRS[(index & 255) as usize]);
     [pair & 255, pair >> 8]
 }
 
 /// Returns the index of a cell in the period of 256 cells; any index for infinity and NaN.
 #[inline(always)]
-fn period_index(cell: f64) -> usize {
+fn period_index(cell: f64) -> u32 {
     /// From here up to its double, numbers are integers in the low bits of the significand.
     const INTEGERS: f64 = (1u64 << 52) as f64;
     // Subtract whole periods, which is exact
     let index = cell - 256.0 * (cell * (1.0 / 256.0)).floor();
-    ((index + INTEGERS).to_bits() & 255) as usize
+    ((index + INTEGERS).to_bits() & 255) as u32
 }
 
 /// Returns a point as `N` = 1 points.

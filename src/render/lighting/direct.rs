@@ -162,6 +162,20 @@ pub(in crate::render) fn emitted_radiance(
     radiance
 }
 
+/// Function with the arguments and the result of [`sample_direct`].
+pub(in crate::render) type SampleDirect =
+    fn(&Light, &ShadingContext, &mut RayPacket, &mut Lanes3<f32>) -> bool;
+
+/// Returns the function that [`sample_direct`] calls for surfaces with these effects. Chosen once for a scene, it costs no
+/// test for each packet.
+pub(in crate::render) fn sample_direct_for(effects: EffectSet) -> SampleDirect {
+    if effects.needs_full_material() {
+        sample_direct_full
+    } else {
+        sample_direct_basic
+    }
+}
+
 /// Fills the shadow-ray packet for `light` and the unoccluded reflected radiance. Returns whether any lane is active.
 ///
 /// A lane is inactive where the light is behind the surface or nothing would be reflected.

@@ -331,7 +331,12 @@ impl ShadingState<'_, '_> {
         }
         // Queue shadow rays to a punctual light
         let (packet, payload) = self.shadow_queue.next();
-        if direct::sample_direct(light, lit, packet, &mut payload.radiance) {
+        let any = if BASIC {
+            (self.sample_direct)(light, lit, packet, &mut payload.radiance)
+        } else {
+            direct::sample_direct(light, lit, packet, &mut payload.radiance)
+        };
+        if any {
             self.shadow_queue.set_end(common_end(light));
             self.commit_shadow_rays::<BASIC>(traced, casts);
         }

@@ -3,6 +3,7 @@
 use super::super::aov::{FirstHits, LightSource, TileLayer};
 use super::super::context::RenderContext;
 use super::super::film::{SampleFilm, TileFilm};
+use super::super::lighting::direct::{SampleDirect, sample_direct_for};
 use super::super::profile::{Category, Profiler, TileTruncation};
 use super::super::scattering::{BoundaryRays, LobeRays, MarchState};
 use super::super::surface::Surfaces;
@@ -26,6 +27,8 @@ pub(in crate::render) struct ShadingState<'f, 's> {
     pub(in crate::render) first_hits: Option<Box<FirstHits<'f, 's>>>,
     /// Column and row of the film's first pixel in the image.
     pub(in crate::render) corner: [u32; 2],
+    /// Direct lighting by punctual lights in scenes with plain effects only.
+    pub(in crate::render) sample_direct: SampleDirect,
     pub(in crate::render) shadow_queue: Box<ShadowQueue>,
     /// Light that shadow rays are currently sampled from; not maintained in scenes with plain effects only.
     pub(in crate::render) current_source: LightSource,
@@ -66,6 +69,7 @@ impl<'f, 's> ShadingState<'f, 's> {
                 .then(|| Box::new(TileFilm::new(frame.sample_film()))),
             first_hits: FirstHits::of(frame),
             corner: [0; 2],
+            sample_direct: sample_direct_for(frame.effects()),
             shadow_queue: ShadowQueue::new(frame.effects(), frame.batch)
                 .with_lobe_radiance(frame.combined.splits_shadows)
                 .with_chosen_lights(frame.light_tree.is_some() && frame.settings.wanted_light().lights),

@@ -193,6 +193,7 @@ impl CallbackArgs {
 }
 
 /// Tests one shape in f64, on the exact extension of the f32 rays.
+// Not inlined, so that callbacks for triangles need little of the stack
 #[inline(never)]
 fn intersect_shape<const W: usize>(
     simd: SimdLimit,

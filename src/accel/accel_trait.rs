@@ -24,8 +24,8 @@ pub trait Accel: Send + Sync {
         self.occluded(packets, Coherence::Coherent);
     }
 
-    /// Returns whether [`Accel::occluded_towards`] is faster than [`Accel::occluded`], so that it pays to sort rays by
-    /// their ends.
+    /// Returns whether [`Accel::occluded_towards`] is faster than [`Accel::occluded`], which is when it pays to sort rays
+    /// by the ends they have in common.
     fn gains_from_ends(&self) -> bool {
         false
     }

@@ -96,8 +96,8 @@ impl<const W: usize> Lanes<W> {
         Lanes { rows, active: [0; W] }
     }
 
-    /// Copies the rays of part `number` of a packet, whose active rays are traceable, without their hits; inactive lanes
-    /// are zero.
+    /// Copies the rays of part `number` of a packet, whose active rays are traceable, without their hits. Inactive
+    /// lanes become zero.
     #[inline(always)]
     pub(super) fn load_rays(&mut self, packet: &RayPacket, number: usize) {
         self.active = *lanes_of(&packet.active, number);

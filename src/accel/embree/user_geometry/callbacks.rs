@@ -182,7 +182,13 @@ impl CallbackArgs {
         let number = placed.1.geometry;
         match (user.geometry(number), user.part(number)) {
             (Geometry::Shape(shape), _) => {
-                intersect_shape::<W>(user.simd(), (placed, shape), packet, active, query_kind)
+                let (index, instance) = placed;
+                let placed = PlacedShape {
+                    index,
+                    instance,
+                    shape,
+                };
+                intersect_shape::<W>(user.simd(), placed, packet, active, query_kind)
             }
             (Geometry::Mesh(_), Some(part)) => {
                 self.intersect_mesh::<W>(placed, part, packet, active, query_kind)
@@ -192,16 +198,29 @@ impl CallbackArgs {
     }
 }
 
+/// A shape as an instance.
+struct PlacedShape<'a> {
+    /// Index of the instance in the scene.
+    index: u32,
+    instance: &'a Instance,
+    shape: &'a Shape,
+}
+
 /// Tests one shape in f64, on the exact extension of the f32 rays.
 // Not inlined, so that callbacks for triangles need little of the stack
 #[inline(never)]
 fn intersect_shape<const W: usize>(
     simd: SimdLimit,
-    ((index, instance), shape): ((u32, &Instance), &Shape),
+    placed: PlacedShape,
     packet: CallbackPacket,
     active: &[i32; W],
     query_kind: Query,
 ) -> [i32; W] {
+    let PlacedShape {
+        index,
+        instance,
+        shape,
+    } = placed;
     // Test all lanes at once if the shape is a static sphere in world space
     if W > 1
         && !instance.is_moving()
@@ -223,6 +242,7 @@ fn intersect_shape<const W: usize>(
 }
 
 /// Tests the points of a cluster in f64, on the exact extension of the f32 rays.
+// Not inlined, as `intersect_shape`
 #[inline(never)]
 fn intersect_points<const W: usize>(
     simd: SimdLimit,
@@ -307,6 +327,7 @@ const REACH: f32 = 1.0 + 1.0 / (1 << 20) as f32;
 
 impl CallbackArgs {
     /// Transforms the rays into the object space of an instanced mesh and traces its own scene with the current query.
+    // Not inlined, as `intersect_shape`
     #[inline(never)]
     fn intersect_mesh<const W: usize>(
         &self,

@@ -40,7 +40,19 @@ const MIN_ALPHA: f32 = 0.5;
 /// Steps of the result per stop, so that its printed value gives the same image.
 const STEPS_PER_STOP: f64 = 100.0;
 /// Number of pixels of a task.
-const CHUNK: usize = 1 << 14;
+const CHUNK: usize = 1 << 12;
+/// Number of explicit bits of an f64's significand, the mask for them, and the exponent field of 1.
+const SIGNIFICAND_BITS: u32 = f64::MANTISSA_DIGITS - 1;
+const SIGNIFICAND: u64 = (1 << SIGNIFICAND_BITS) - 1;
+const EXPONENT_OF_ONE: i64 = (1f64.to_bits() >> SIGNIFICAND_BITS) as i64;
+/// Powers of two below and above all luminances: the smallest subnormal f32 is 2^-149 and its blue a fourteenth of that; the
+/// largest is 2^128, half covered.
+const SMALLEST: f64 = f64::from_bits(((EXPONENT_OF_ONE - 160) as u64) << SIGNIFICAND_BITS);
+const LARGEST: f64 = f64::from_bits(((EXPONENT_OF_ONE + 140) as u64) << SIGNIFICAND_BITS);
+/// Number of bits that do not count in the interval of a luminance: all but the exponent and three of the significand.
+const INTERVAL_BITS: u32 = SIGNIFICAND_BITS - 3;
+/// Number of intervals of luminance.
+const INTERVAL_COUNT: usize = ((LARGEST.to_bits() - SMALLEST.to_bits()) >> INTERVAL_BITS) as usize;
 /// Factors of the linear channels of Rec. 709 in luminance.
 const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
 
@@ -48,37 +60,91 @@ const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
 ///
 /// Pixels without luminance, and those that `alpha` says are less than half covered, do not count.
 pub fn automatic_exposure(image: &LinearImage, alpha: Option<&[f32]>) -> f32 {
-    // Compute the luminances of covered pixels
-    let of_chunk = |chunk: usize, pixels: &[[f32; 3]]| -> Vec<f64> {
-        let level = |(index, pixel): (usize, &[f32; 3])| {
-            let alpha = alpha.map_or(1.0, |alpha| alpha[index]);
-            let sum: f64 = (0..3).map(|c| LUMINANCE[c] * f64::from(pixel[c])).sum();
-            let level = sum / f64::from(alpha);
-            (alpha >= MIN_ALPHA && level > 0.0 && level.is_finite()).then_some(level)
-        };
-        (chunk * CHUNK..).zip(pixels).filter_map(level).collect()
+    let covered = CoveredPixels { image, alpha };
+    // Count the luminances of each interval
+    let mut counts = vec![0; INTERVAL_COUNT];
+    let of_chunk = |levels: &[f64]| {
+        let mut counts = vec![0u32; INTERVAL_COUNT];
+        levels.iter().for_each(|&level| counts[interval(level)] += 1);
+        counts
     };
-    let mut levels = parallel::map_chunks(&image.pixels, CHUNK, &of_chunk).concat();
-    // Find the percentile that may become white
-    let rank = (WHITE_FRACTION * levels.len() as f64).ceil() as usize;
-    let Some(index) = rank.checked_sub(1) else {
+    for of_chunk in covered.map_chunks(&of_chunk) {
+        for (count, more) in counts.iter_mut().zip(of_chunk) {
+            *count += more as usize;
+        }
+    }
+    // Find the percentile that may become white: its interval, then its place there
+    let count: usize = counts.iter().sum();
+    let Some(mut index) = ((WHITE_FRACTION * count as f64).ceil() as usize).checked_sub(1) else {
         return 0.0;
     };
+    let mut of_white = 0;
+    while index >= counts[of_white] {
+        index -= counts[of_white];
+        of_white += 1;
+    }
+    let is_near_white = |level: &&f64| interval(**level) == of_white;
+    let near_white = |levels: &[f64]| -> Vec<f64> { levels.iter().filter(is_near_white).copied().collect() };
+    let mut levels = covered.map_chunks(&near_white).concat();
     let white = *levels.select_nth_unstable_by(index, f64::total_cmp).1;
     // Take the geometric mean, and the smaller of both gains
     let darkest = DARKEST * white;
-    let logarithms = |_, levels: &[f64]| -> f64 {
-        // One logarithm for four, which lie between 2^-165 and 2^130: their product is a normal f64
-        let product = |four: &[f64]| -> f64 { four.iter().map(|level| level.max(darkest)).product() };
-        levels.chunks(4).map(|four| product(four).log2()).sum()
-    };
-    let sum: f64 = parallel::map_chunks(&levels, CHUNK, &logarithms)
-        .into_iter()
-        .sum();
-    let of_grey = MIDDLE_GREY.log2() - sum / levels.len() as f64;
+    let sums = covered.map_chunks(&|levels| sum_of_logarithms(levels, darkest));
+    let of_grey = MIDDLE_GREY.log2() - sums.iter().sum::<f64>() / count as f64;
     let stops = of_grey.min(-white.log2());
     let limit = f64::from(MAX_EXPOSURE);
     ((stops * STEPS_PER_STOP).round() / STEPS_PER_STOP).clamp(-limit, limit) as f32
+}
+
+/// Pixels of an image that are covered at least by half and have luminance.
+struct CoveredPixels<'a> {
+    image: &'a LinearImage,
+    alpha: Option<&'a [f32]>,
+}
+
+impl CoveredPixels<'_> {
+    /// Returns the results of `work` for the luminances of each chunk of pixels, in order.
+    fn map_chunks<T: Send>(&self, work: &(dyn Fn(&[f64]) -> T + Sync)) -> Vec<T> {
+        parallel::map_chunks(&self.image.pixels, CHUNK, &|chunk, pixels| {
+            let (mut levels, mut count) = ([0.0; CHUNK], 0);
+            let mut add = |pixel: &[f32; 3], alpha: f32| {
+                let sum: f64 = (0..3).map(|c| LUMINANCE[c] * f64::from(pixel[c])).sum();
+                let level = sum / f64::from(alpha);
+                // One that does not count is overwritten by the next
+                levels[count] = level;
+                count += usize::from(alpha >= MIN_ALPHA && level > 0.0 && level.is_finite());
+            };
+            match self.alpha {
+                None => pixels.iter().for_each(|pixel| add(pixel, 1.0)),
+                Some(alpha) => {
+                    let covered = pixels.iter().zip(&alpha[chunk * CHUNK..]);
+                    covered.for_each(|(pixel, &alpha)| add(pixel, alpha));
+                }
+            }
+            work(&levels[..count])
+        })
+    }
+}
+
+/// Returns the index of the interval of a luminance: an eighth of a power of two.
+fn interval(level: f64) -> usize {
+    ((level.to_bits() - SMALLEST.to_bits()) >> INTERVAL_BITS) as usize
+}
+
+/// Returns the sum of the binary logarithms of luminances, of which none counts as less than `darkest`.
+fn sum_of_logarithms(levels: &[f64], darkest: f64) -> f64 {
+    // Add exponents, and multiply significands, which are below 2: the products are below 2^512
+    let (mut exponents, mut logarithms) = (0, 0.0);
+    for levels in levels.chunks(512) {
+        let mut product = 1.0;
+        for level in levels {
+            let bits = level.max(darkest).to_bits();
+            exponents += (bits >> SIGNIFICAND_BITS) as i64 - EXPONENT_OF_ONE;
+            product *= f64::from_bits(bits & SIGNIFICAND | 1f64.to_bits());
+        }
+        logarithms += product.log2();
+    }
+    exponents as f64 + logarithms
 }
 
 #[cfg(test)]
@@ -109,6 +175,34 @@ mod tests {
             let pixels = vec![[2f32.powi(stops); 3]; 65];
             assert_eq!(automatic_exposure(&image(pixels), None), expected);
         }
+    }
+
+    #[test]
+    fn logarithms_add_up() {
+        let mut random = crate::numeric::SplitMix64::new(5, 0);
+        let levels: Vec<f64> = (0..1500).map(|_| random.within(-150.0, 130.0).exp2()).collect();
+        let expected: f64 = levels.iter().map(|level| level.max(1e-9).log2()).sum();
+        let sum = sum_of_logarithms(&levels, 1e-9);
+        // 1500 partial sums of less than 2^15, each rounded by at most 2^-39
+        assert!(
+            (sum - expected).abs() < 1500.0 * 2f64.powi(-39),
+            "{sum} and {expected}"
+        );
+    }
+
+    #[test]
+    fn extreme_luminances_have_an_interval() {
+        let smallest = LUMINANCE[2] * f64::from(f32::from_bits(1));
+        let largest = f64::from(f32::MAX) / f64::from(MIN_ALPHA);
+        assert!(interval(smallest) < interval(largest) && interval(largest) < INTERVAL_COUNT);
+        assert!(smallest > SMALLEST && largest < LARGEST);
+        // 1 and 1.125 begin intervals; 1.12 lies between
+        assert_eq!(
+            [interval(1.12), interval(1.125)],
+            [interval(1.0), interval(1.0) + 1]
+        );
+        let pixels = vec![[0.0, 0.0, f32::from_bits(1)], [f32::MAX; 3]];
+        assert_eq!(automatic_exposure(&image(pixels), Some(&[1.0, 0.5])), -100.0);
     }
 
     #[test]

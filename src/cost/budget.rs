@@ -12,11 +12,15 @@ use crate::render::{MIN_ADAPTIVE_ERROR, Plan};
 
 /// Samples per pixel of the base and of the largest level, in the order in which they are tried.
 const LADDER: [[u32; 2]; 5] = [[16, 32], [8, 16], [4, 16], [4, 8], [2, 8]];
-/// Smallest ratio of each reference half's samples to the largest level's: the reference's squared noise is then a
-/// two-hundredth of that level's even where errors fall only at the random rate, and a hundredth of the errors that other
-/// knobs halve.
-const REFERENCE_TIMES: u32 = 100;
-/// Smallest number of samples per pixel of each reference half.
+/// Smallest planned ratio of each reference half's samples to the largest level's: the reference's squared noise is then a
+/// four-hundredth of that level's where errors fall at the random rate. A quarter of that is left for errors that fall more
+/// slowly, as those of rare bright samples do, which display clips.
+const REFERENCE_TIMES: u32 = 200;
+/// Number of images that each reference half is planned as; the first shows in which pixels the noise is.
+const REFERENCE_IMAGES: u32 = 8;
+/// Smallest growth of the images for which the reference is begun anew.
+const MIN_GROWTH: f64 = 1.5;
+/// Smallest number of samples per pixel of an image of a reference half.
 const MIN_REFERENCE_SPP: u32 = 64;
 /// Smallest number of pixels that represents a scene well; a smaller layout of the ladder is used before going below.
 const MIN_STUDY_PIXELS: f64 = 12_288.0;
@@ -206,13 +210,43 @@ impl Workspace<'_, '_> {
             return Ok(Layout {
                 view,
                 candidates,
-                reference_spp,
+                reference_spp: (reference_spp / REFERENCE_IMAGES).max(MIN_REFERENCE_SPP),
                 stricter_spp: STRICTER_SPP,
                 base_spp,
                 reach,
             });
         }
         unreachable!("the last rung is taken")
+    }
+
+    /// Returns a study's layout with images of at most `factor` times the pixels, from which intervals become narrower; `None`
+    /// if that would gain little, or their size is fixed.
+    pub(super) fn with_larger_images(&self, layout: &Layout, factor: f64) -> Option<Layout> {
+        let pixels = area(self.size_of(layout.view));
+        let view = self.choose_view(factor * pixels);
+        let is_larger = area(self.size_of(view)) >= MIN_GROWTH * pixels;
+        (is_larger && self.experiment.size.is_none()).then(|| Layout {
+            view,
+            candidates: layout.candidates.clone(),
+            reach: layout.reach.clone(),
+            ..*layout
+        })
+    }
+
+    /// Returns a study's layout with the samples of a later rung of the ladder: the first at which errors of random samples
+    /// have at least `factor` times the square. Returns `None` if there is none.
+    pub(super) fn with_fewer_samples(&self, plan: &Plan, layout: &Layout, factor: f64) -> Option<Layout> {
+        let rung = [layout.base_spp, layout.reach.samples];
+        let place = LADDER.iter().position(|known| *known == rung)?;
+        let reaches = |[_, most]: &&[u32; 2]| f64::from(rung[1]) >= factor * f64::from(*most);
+        let [base_spp, most] = *LADDER[place + 1..].iter().find(reaches)?;
+        let reach = LevelRange::of(most);
+        Some(Layout {
+            candidates: candidates(self.experiment, plan, base_spp, &reach),
+            base_spp,
+            reach,
+            ..*layout
+        })
     }
 
     /// Returns the layout for a target: samples by what the target needs, and as many patches of the image as the

@@ -90,7 +90,7 @@ impl CheckpointData<'_> {
             base_spp: *base_spp,
             reach: reach.clone(),
             reference_spp: *reference_spp,
-            reference_count: self.reference.count,
+            reference_count: self.reference.count(),
             stricter_spp: *stricter_spp,
             left: self.left.to_vec(),
             blocks: self.blocks.clone(),

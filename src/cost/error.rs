@@ -25,7 +25,7 @@ pub struct DisplayImage {
     block: usize,
     /// Fraction of the complete image that this image covers, for the finite-population correction.
     share: f64,
-    pixels: Vec<[f32; 3]>,
+    pub(super) pixels: Vec<[f32; 3]>,
 }
 
 impl DisplayImage {

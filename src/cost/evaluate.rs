@@ -96,7 +96,7 @@ impl Workspace<'_, '_> {
             },
             threads: self.experiment.threads,
             reference: Reference {
-                spp: layout.reference_spp * reference.count,
+                spp: layout.reference_spp * reference.count(),
                 paths: [strict.path.name(), HitPath::BSP.name()],
                 noise: reference.halves.noise_squared().sqrt(),
                 checks: Vec::new(),

@@ -19,6 +19,7 @@ pub(super) struct Layout {
 }
 
 /// Configuration that is measured in every block, with its knob and level.
+#[derive(Clone)]
 pub(super) struct Candidate {
     pub(super) knob: Option<Knob>,
     pub(super) level: String,

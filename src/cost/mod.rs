@@ -21,6 +21,7 @@ mod geometry;
 mod knob;
 mod layout;
 mod measure;
+mod noise_stratum;
 mod pareto;
 mod predict;
 mod reference;

@@ -2,9 +2,10 @@
 
 use std::time::Instant;
 
-use super::accumulated_reference::{AccumulatedReference, blend};
+use super::accumulated_reference::AccumulatedReference;
 use super::budget::{MEASURED_PART, NOISE_FOR_A_TARGET, PLANNED_BLOCKS};
 use super::layout::Layout;
+use super::noise_stratum::NoiseStratum;
 use super::target::Target;
 use super::view::View;
 use super::workspace::Workspace;
@@ -25,9 +26,20 @@ const AIMED_PART: f64 = 0.7 * REFERENCE_PART;
 const LEFT_FOR_A_TARGET: f64 = 0.25;
 /// Largest fraction of pixel blocks in which the halves of a reference may disagree.
 const DISAGREEING_PART: f64 = 0.0025;
+/// Smallest number of further images of both halves for which the pixels are divided into strata: that takes the time of
+/// one, and the noise falls by more from the third on.
+const MIN_PAIRS_FOR_STRATA: f64 = 2.0;
 /// First seeds of the two halves, and of the images that check the reference; the seeds of blocks count from 1. The
 /// distance ensures that no image of one half has the other half's random numbers.
 const REFERENCE_SEEDS: [u32; 2] = [1_000_000_000, 2_000_000_000];
+
+/// Goal of adding images to a reference.
+struct NoiseGoal {
+    /// Squared noise that is small enough.
+    squared: f64,
+    /// Seconds of the experiment at which no image may be unfinished.
+    until: f64,
+}
 
 /// Returns the base with every knob that causes bias at its strictest level.
 pub(super) fn strictest_configuration(base: &Configuration, scene: &Scene, plan: &Plan) -> Configuration {
@@ -138,19 +150,22 @@ impl SceneChange {
 }
 
 impl Workspace<'_, '_> {
-    /// Renders both halves, each by its own intersection backend.
+    /// Renders both halves, each by its own intersection backend; `rendered` images of each were rendered before.
     pub(super) fn reference(
         &self,
         layout: &Layout,
         strict: &Configuration,
+        rendered: u32,
     ) -> Result<AccumulatedReference, CostError> {
         let start = Instant::now();
-        let [a, b] = self.pair(layout, strict, 0)?;
+        let means = self.pair(layout, strict, rendered, None)?;
+        let seconds = start.elapsed().as_secs_f64();
+        let halves = self.halves(layout.view, [&means[0], &means[1]]);
         Ok(AccumulatedReference {
-            count: 1,
-            halves: self.halves(layout.view, [&a, &b]),
-            means: [a, b],
-            seconds: start.elapsed().as_secs_f64(),
+            strata: vec![NoiseStratum::whole(halves.a.pixels.len(), seconds)],
+            halves,
+            means,
+            rendered: rendered + 1,
         })
     }
 
@@ -159,19 +174,24 @@ impl Workspace<'_, '_> {
         SplitReference { a, b }
     }
 
-    /// Renders one image for each half; `before` is the number of earlier ones and selects the random numbers.
+    /// Renders one image for each half, or only the chosen pixels of it; `rendered` is the number of earlier ones and selects
+    /// the random numbers.
     fn pair(
         &self,
         layout: &Layout,
         strict: &Configuration,
-        before: u32,
+        rendered: u32,
+        is_chosen: Option<&[bool]>,
     ) -> Result<[LinearImage; 2], CostError> {
-        let half = |path, seed: u32| {
+        let half = |path, first_seed: u32| {
             self.report_step("reference");
             let mut configuration = strict.with_path(path);
             configuration.settings.spp = layout.reference_spp;
-            let rendering = self.render_image(&configuration, layout.view, seed + before)?.0;
-            Ok::<_, CostError>(rendering.image)
+            let seed = first_seed + rendered;
+            match is_chosen {
+                Some(is_chosen) => self.render_pixels(&configuration, layout.view, seed, is_chosen),
+                None => Ok(self.render_image(&configuration, layout.view, seed)?.0.image),
+            }
         };
         Ok([
             half(strict.path, REFERENCE_SEEDS[0])?,
@@ -180,19 +200,85 @@ impl Workspace<'_, '_> {
     }
 
     /// Adds images to the reference until its noise is small compared to every measured error, or until no time is
-    /// left.
+    /// left. Returns the layout: with larger images where the time allows it, or with fewer samples where only the larger errors of
+    /// these allow the noise.
     pub(super) fn refine(
+        &self,
+        plan: &Plan,
+        mut layout: Layout,
+        strict: &Configuration,
+        reference: &mut AccumulatedReference,
+    ) -> Result<Layout, CostError> {
+        // With a target, the planned reference is already as long as necessary.
+        if self.experiment.target.is_some() {
+            return Ok(layout);
+        }
+        loop {
+            // Measure the smallest error, and reserve time for the blocks
+            let start = Instant::now();
+            let least = self.smallest_error(&layout, reference)?;
+            let reserved = PLANNED_BLOCKS * start.elapsed().as_secs_f64();
+            let until = MEASURED_PART * self.experiment.budget - reserved;
+            // Begin anew with larger images if the time allows these, at the rate at which random noise falls
+            let aimed = AIMED_PART * least;
+            let missing = (reference.halves.noise_squared() / aimed).max(1.0);
+            let left = until + reserved - self.spent();
+            if let Some(seconds) = reference.seconds_of_first()
+                && let Some(larger) =
+                    self.with_larger_images(&layout, left / (reserved + (1.0 + missing) * seconds))
+            {
+                *reference = self.reference(&larger, strict, reference.rendered)?;
+                layout = larger;
+                continue;
+            }
+            // Reduce the noise
+            let goal = NoiseGoal {
+                squared: aimed,
+                until,
+            };
+            self.reduce_noise(&layout, strict, reference, &goal)?;
+            // Go on with fewer samples if these promise errors for which the noise is small
+            let excess = reference.halves.noise_squared() / (REFERENCE_PART * least);
+            match self.with_fewer_samples(plan, &layout, excess) {
+                Some(fewer) if excess > 1.0 => layout = fewer,
+                _ => return Ok(layout),
+            }
+        }
+    }
+
+    /// Adds images to the reference until the goal is reached.
+    fn reduce_noise(
         &self,
         layout: &Layout,
         strict: &Configuration,
         reference: &mut AccumulatedReference,
+        goal: &NoiseGoal,
     ) -> Result<(), CostError> {
-        // With a target, the planned reference is already as long as necessary.
-        if self.experiment.target.is_some() {
-            return Ok(());
+        let left = || goal.until - self.spent();
+        let is_noisy = |reference: &AccumulatedReference| reference.halves.noise_squared() > goal.squared;
+        // Divide the pixels by their noise, and begin anew if there is time for more than that
+        if let Some(seconds) = reference.seconds_of_first()
+            && is_noisy(reference)
+            && strict.settings.filter.is_box()
+            && left() > MIN_PAIRS_FOR_STRATA * seconds
+        {
+            let strata = NoiseStratum::by_noise(&reference.halves, seconds);
+            *reference = AccumulatedReference {
+                strata,
+                ..self.reference(layout, strict, reference.rendered)?
+            };
         }
-        // Estimate the smallest error of any candidate from one image each
-        let start = Instant::now();
+        // Add images of the pixels that gain most by them
+        while is_noisy(reference)
+            && let Some(stratum) = reference.next_stratum(left())
+        {
+            self.add_images(layout, strict, reference, stratum)?;
+        }
+        Ok(())
+    }
+
+    /// Returns the smallest squared error of all candidates, each estimated from one image; infinity if none is positive.
+    fn smallest_error(&self, layout: &Layout, reference: &AccumulatedReference) -> Result<f64, CostError> {
         let mut least = f64::INFINITY;
         for candidate in &layout.candidates {
             self.report_step("reference");
@@ -205,19 +291,26 @@ impl Workspace<'_, '_> {
             let square = sums.mean_square();
             least = if square > 0.0 { least.min(square) } else { least };
         }
-        // Add images to both halves, with time reserved for the measurement blocks
-        let blocks = PLANNED_BLOCKS * start.elapsed().as_secs_f64();
-        while reference.halves.noise_squared() > AIMED_PART * least
-            && self.spent() + reference.seconds + blocks < MEASURED_PART * self.experiment.budget
-        {
-            let more = self.pair(layout, strict, reference.count)?;
-            reference.count += 1;
-            for (mean, more) in reference.means.iter_mut().zip(&more) {
-                blend(mean, more, 1.0 / reference.count as f32);
-            }
-            let [a, b] = &reference.means;
-            reference.halves = self.halves(layout.view, [a, b]);
-        }
+        Ok(least)
+    }
+
+    /// Adds one image of the pixels of a stratum to each half of the reference.
+    fn add_images(
+        &self,
+        layout: &Layout,
+        strict: &Configuration,
+        reference: &mut AccumulatedReference,
+        stratum: usize,
+    ) -> Result<(), CostError> {
+        let start = Instant::now();
+        let is_member = &reference.strata[stratum].is_member;
+        let is_chosen = (reference.strata.len() > 1).then_some(&is_member[..]);
+        let images = self.pair(layout, strict, reference.rendered, is_chosen)?;
+        reference.rendered += 1;
+        reference.add(stratum, &images);
+        reference.strata[stratum].seconds = start.elapsed().as_secs_f64();
+        let [a, b] = &reference.means;
+        reference.halves = self.halves(layout.view, [a, b]);
         Ok(())
     }
 

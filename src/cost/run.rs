@@ -51,14 +51,14 @@ pub fn run(experiment: &Experiment, observer: &Observer) -> Result<StudyResult, 
             let [a, b] = &unfinished.means;
             let halves = stage.halves(layout.view, [a, b]);
             let count = unfinished.head.reference_count;
-            let reference = AccumulatedReference::new(count, unfinished.means.clone(), halves);
+            let reference = AccumulatedReference::finished(count, unfinished.means.clone(), halves);
             let measured = stage.resumed(&layout, unfinished)?;
             (layout, reference, unfinished.head.left.clone(), measured)
         }
         None => {
             let layout = stage.plan_layout(&plan, &strict, stricter.len())?;
-            let mut reference = stage.reference(&layout, &strict)?;
-            stage.refine(&layout, &strict, &mut reference)?;
+            let mut reference = stage.reference(&layout, &strict, 0)?;
+            let layout = stage.refine(&plan, layout, &strict, &mut reference)?;
             let mut left = Vec::new();
             for (knob, configuration) in &stricter {
                 left.push((*knob, stage.residual_bias(&layout, &checked, configuration)?));

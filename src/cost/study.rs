@@ -59,7 +59,7 @@ pub struct Choice {
 /// Reference image that errors are taken against, in two independent halves.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Reference {
-    /// Samples per pixel of each half.
+    /// Smallest number of samples per pixel of each half; pixels with much noise have more.
     pub spp: u32,
     /// Intersection backends of the two halves.
     pub paths: [String; 2],

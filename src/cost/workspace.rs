@@ -9,7 +9,9 @@ use super::{Configuration, CostError, DisplayImage, Experiment, HitPath, SceneCh
 use crate::accel::{self, Accel, AccelOptions};
 use crate::image::LinearImage;
 use crate::measure::{Observer, Stopwatch, TurnTime};
-use crate::render::{AovSet, LightAovs, PatchGrid, RenderSettings, Rendering, render, render_patches};
+use crate::render::{
+    AovSet, LightAovs, PatchGrid, RenderSettings, Rendering, render, render_patches, render_pixels,
+};
 use crate::scene::{Effect, Scene, ValidScene};
 
 /// Acceleration structure with its build time in seconds.
@@ -100,20 +102,14 @@ impl<'s> Workspace<'_, 's> {
         &self.built[&(self.scene_index(&configuration.change), configuration.path)]
     }
 
-    /// Renders an image, and returns it with the time of its samples, setup not counted.
-    pub(super) fn render_image(
-        &self,
-        configuration: &Configuration,
-        view: View,
-        seed: u32,
-    ) -> Result<(Rendering, TurnTime), CostError> {
+    /// Returns the settings of an image of a view, without outputs that measurements do not need.
+    fn image_settings(&self, configuration: &Configuration, view: View, seed: u32) -> RenderSettings {
         // Patches are rendered at the size of the complete image
         let [width, height] = match view {
             View::Whole(size) => size,
             View::Patches(_) => self.whole_size(),
         };
-        // Remove outputs that a measurement does not need
-        let settings = RenderSettings {
+        RenderSettings {
             width,
             height,
             seed,
@@ -123,7 +119,17 @@ impl<'s> Workspace<'_, 's> {
             light_layers: LightAovs::NONE,
             cost_aovs: false,
             ..configuration.settings
-        };
+        }
+    }
+
+    /// Renders an image, and returns it with the time of its samples, setup not counted.
+    pub(super) fn render_image(
+        &self,
+        configuration: &Configuration,
+        view: View,
+        seed: u32,
+    ) -> Result<(Rendering, TurnTime), CostError> {
+        let settings = self.image_settings(configuration, view, seed);
         let denoiser = self.experiment.denoiser.filter(|_| configuration.denoises);
         let settings = match denoiser {
             Some(_) => settings.with_guides(),
@@ -153,6 +159,21 @@ impl<'s> Workspace<'_, 's> {
             time = time.without(rendering.ready_seconds);
         }
         Ok((rendering, time))
+    }
+
+    /// Renders the chosen pixels of a whole image; the others are black. The filter must be a box.
+    pub(super) fn render_pixels(
+        &self,
+        configuration: &Configuration,
+        view: View,
+        seed: u32,
+        is_chosen: &[bool],
+    ) -> Result<LinearImage, CostError> {
+        let settings = self.image_settings(configuration, view, seed);
+        let viewed = (self.scene(configuration), self.experiment.camera);
+        let accel = &*self.built(configuration).accel;
+        let monitor = self.observer.monitor();
+        Ok(render_pixels(viewed, accel, &settings, is_chosen, &monitor)?)
     }
 
     /// Returns width and height of the final image.

@@ -44,7 +44,7 @@ pub use sampler::{Purpose, sample_2d};
 pub use settings::{HitPoint, RenderSettings};
 pub use subset::{
     ImageError, PartSums, Parts, PatchGrid, Probe, RecordedRays, Region, SampledTile, Share, TileSample,
-    probe, record, render_patches, render_sample, tile_count,
+    probe, record, render_patches, render_pixels, render_sample, tile_count,
 };
 pub use subsurface::{SubsurfaceStats, subsurface_bytes};
 pub use surface::{SpawnPoint, SpawnProbe};

@@ -10,7 +10,7 @@ use super::super::profile::{Category, Profiler, RenderProfile};
 use super::super::result::Rendering;
 use super::super::subset::{Cover, Region};
 use super::super::tile::Tile;
-use super::super::wavefront::{RendererPool, block_corners};
+use super::super::wavefront::{RendererPool, block_corners, block_pixels};
 use super::first_samples::{FIRST_FRACTION, FirstSamples};
 use super::limit::EdgeContrast;
 use crate::image::LinearImage;
@@ -105,17 +105,6 @@ pub(in crate::render) fn render(
         aovs,
         ..Rendering::new(image, samples, ledger, frame)
     })
-}
-
-/// Returns the columns and rows, within the tile, of the pixels of a block.
-fn block_pixels(
-    frame: &RenderContext,
-    tile: Tile,
-    (x, y): (u32, u32),
-) -> impl Iterator<Item = [u32; 2]> + use<> {
-    let side = frame.shape.block;
-    let (columns, rows) = (x..tile.width.min(x + side), y..tile.height.min(y + side));
-    rows.flat_map(move |y| columns.clone().map(move |x| [x, y]))
 }
 
 /// Renders the pixels at edges with all samples; returns the results of their tiles, in order, and the ledger.

@@ -54,7 +54,7 @@ impl PixelFilter {
     }
 
     /// Returns whether samples count equally and for their own pixel only.
-    pub(in crate::render) fn is_box(&self) -> bool {
+    pub(crate) fn is_box(&self) -> bool {
         self.kind == FilterKind::Box
     }
 

@@ -1,10 +1,11 @@
-//! Parts of an image that are rendered by themselves: rectangles, shares of samples, tiles, patches and strips.
+//! Parts of an image that are rendered by themselves: rectangles, shares of samples, tiles, patches, pixels and strips.
 
 mod cover;
 mod image_error;
 mod parts;
 mod patch_atlas;
 mod patches;
+mod pixels;
 mod probe;
 mod ray_recorder;
 mod region;
@@ -13,6 +14,7 @@ mod tiles;
 pub use image_error::ImageError;
 pub use parts::{PartSums, Parts, Share};
 pub use patches::{PatchGrid, render_patches};
+pub use pixels::render_pixels;
 pub use probe::{Probe, probe};
 pub use ray_recorder::{RecordedRays, record};
 pub use region::Region;

@@ -17,6 +17,6 @@ pub(super) use path_state::{
 pub(super) use ray_queue::{PathPacket, RayLanes, RayQueue, RayWorkItem};
 pub(super) use shading_state::ShadingState;
 pub(super) use shadow_queue::{QueuedShadowRays, ShadowQueue};
-pub(super) use tile_renderer::{RendererPool, TileRenderer, block_corners};
+pub(super) use tile_renderer::{RendererPool, TileRenderer, block_corners, block_pixels};
 pub(super) use traced_packet::{BatchInfo, TracedPacket};
 pub(super) use wave_size::{MAX_WAVE, WAVE, camera_packets};

@@ -331,6 +331,17 @@ pub(in crate::render) fn block_corners(
     corners.filter(move |&(x, y)| x < tile.width && y < tile.height)
 }
 
+/// Returns the columns and rows, within the tile, of the pixels of a block.
+pub(in crate::render) fn block_pixels(
+    frame: &RenderContext,
+    tile: Tile,
+    (x, y): (u32, u32),
+) -> impl Iterator<Item = [u32; 2]> + use<> {
+    let side = frame.shape.block;
+    let (columns, rows) = (x..tile.width.min(x + side), y..tile.height.min(y + side));
+    rows.flat_map(move |y| columns.clone().map(move |x| [x, y]))
+}
+
 /// Returns the number that bits 0, 2, 4, ... of the index of a block in a tile make.
 fn even_bits(index: u32) -> u32 {
     (0..TILE.ilog2()).fold(0, |bits, bit| bits | (index >> (2 * bit) & 1) << bit)

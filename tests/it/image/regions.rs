@@ -6,6 +6,7 @@ use crate::support::scene_folder;
 use whit::accel::{self, Accel, AccelOptions, Backend};
 use whit::render::{
     FilterKind, Monitor, PartSums, Parts, Pattern, PixelFilter, Region, RenderSettings, Rendering, Share,
+    render_pixels,
 };
 use whit::scene::Scene;
 
@@ -52,6 +53,32 @@ fn assert_shows(part: &Rendering, whole: &Rendering, region: &Region) {
         part.samples.total,
         region.pixel_count() * u64::from(whole.samples.max)
     );
+}
+
+#[test]
+fn chosen_pixels_have_the_bits_of_the_full_image() {
+    // Packets of one, four and sixteen samples a pixel; every seventh pixel, but none of the bottom rows
+    for spp in [1, 4, 20] {
+        let scene = scene_folder::named("mirror_room.toml").scene;
+        let accel = tree(&scene);
+        let settings = settings(spp, FilterKind::Box);
+        let whole = images::rendered_with(&scene, &*accel, &settings).image;
+        let is_chosen: Vec<bool> = (0..75 * 101)
+            .map(|pixel| pixel % 7 == 0 && pixel < 75 * 60)
+            .collect();
+        let view = (scene.validate().unwrap(), &scene.cameras[0]);
+        let image = render_pixels(view, &*accel, &settings, &is_chosen, &Monitor::default()).unwrap();
+        let expected = whole
+            .pixels
+            .iter()
+            .zip(&is_chosen)
+            .map(|(&pixel, &is_chosen)| match is_chosen {
+                true => pixel,
+                false => [0.0; 3],
+            });
+        assert_eq!(image.pixels, expected.collect::<Vec<_>>(), "{spp} samples");
+        assert!(image.pixels.iter().any(|pixel| pixel[0] > 0.0));
+    }
 }
 
 #[test]

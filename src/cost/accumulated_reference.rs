@@ -85,7 +85,7 @@ impl AccumulatedReference {
 }
 
 /// Interpolates `image` linearly towards `other`; `part` = 1 replaces it.
-pub(super) fn blend(image: &mut LinearImage, other: &LinearImage, part: f32) {
+fn blend(image: &mut LinearImage, other: &LinearImage, part: f32) {
     for (pixel, other) in image.pixels.iter_mut().zip(&other.pixels) {
         blend_pixel(pixel, other, part);
     }

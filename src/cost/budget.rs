@@ -13,8 +13,8 @@ use crate::render::{MIN_ADAPTIVE_ERROR, Plan};
 /// Samples per pixel of the base and of the largest level, in the order in which they are tried.
 const LADDER: [[u32; 2]; 5] = [[16, 32], [8, 16], [4, 16], [4, 8], [2, 8]];
 /// Smallest planned ratio of each reference half's samples to the largest level's: the reference's squared noise is then a
-/// four-hundredth of that level's where errors fall at the random rate. A quarter of that is left for errors that fall more
-/// slowly, as those of rare bright samples do, which display clips.
+/// four-hundredth of that level's where errors fall at the random rate. The check of the noise needs a hundredth; the rest is
+/// for errors that fall more slowly, as those of rare bright samples do, which display clips.
 const REFERENCE_TIMES: u32 = 200;
 /// Number of images that each reference half is planned as; the first shows in which pixels the noise is.
 const REFERENCE_IMAGES: u32 = 8;

@@ -174,8 +174,8 @@ impl Workspace<'_, '_> {
         SplitReference { a, b }
     }
 
-    /// Renders one image for each half, or only the chosen pixels of it; `rendered` is the number of earlier ones and selects
-    /// the random numbers.
+    /// Renders one image for each half, or only the chosen pixels of it; `rendered`, the number of earlier ones, selects the
+    /// random numbers.
     fn pair(
         &self,
         layout: &Layout,

@@ -126,9 +126,10 @@ impl CoveredPixels<'_> {
     }
 }
 
-/// Returns the index of the interval of a luminance: an eighth of a power of two.
+/// Returns the index of the interval of a luminance: an eighth of a power of two. The first also has what is left of negative
+/// channels, which filters make, where they cancel the others.
 fn interval(level: f64) -> usize {
-    ((level.to_bits() - SMALLEST.to_bits()) >> INTERVAL_BITS) as usize
+    ((level.max(SMALLEST).to_bits() - SMALLEST.to_bits()) >> INTERVAL_BITS) as usize
 }
 
 /// Returns the sum of the binary logarithms of luminances, of which none counts as less than `darkest`.
@@ -196,6 +197,7 @@ mod tests {
         let largest = f64::from(f32::MAX) / f64::from(MIN_ALPHA);
         assert!(interval(smallest) < interval(largest) && interval(largest) < INTERVAL_COUNT);
         assert!(smallest > SMALLEST && largest < LARGEST);
+        assert_eq!(interval(1e-60), 0, "negative channels may leave less");
         // 1 and 1.125 begin intervals; 1.12 lies between
         assert_eq!(
             [interval(1.12), interval(1.125)],

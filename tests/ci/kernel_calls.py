@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Lists two faults of compiled SIMD kernels.
+"""Lists three faults of compiled SIMD kernels.
 
 Calls of what is compiled for the lowest instruction set: closures and methods of arrays and iterators that the compiler no
 longer inlines. One in a hot loop once made texture look-ups take twice as long, and one in the look-up of environment maps
@@ -7,6 +7,8 @@ three times. Where it finds one, write a loop in place of the closure, or a func
 
 Scatters: the compiler vectorised a loop over three axes in place of that over sixteen lanes inside it. One once took a fifth
 of the time of packets through small trees. Where it finds one, write a function for one axis, and call it three times.
+
+Gathers: the same with loads in place of stores. One made the choice of a traversal take three times as long.
 
     cargo build --release && tests/ci/kernel_calls.py [PROGRAM]
 
@@ -38,11 +40,17 @@ ALLOWED = [
     ("::special_direct", "scatter", "colours of thin films alone"),
     ("::procedural::sample_packet", "scatter", "colours of patterns, whose values take longer"),
     ("::sample_batch::sample", "scatter", "fields of volumes, whose values take longer"),
+    ("::special_direct", "gather", "as above"),
+    ("::procedural::sample_packet", "gather", "as above"),
+    ("::sample_batch::sample", "gather", "as above, and voxels"),
+    ("::sum_depths", "gather", "voxels, and crossings of a ray with volumes"),
+    ("::sample_direct_", "gather", "a few lanes, where the compiler finds them masked"),
+    ("::vectorize", "gather", "a child of the node of each ray"),
 ]
 
 
 def calls(program):
-    """Yields kernels with what they call directly, and with "scatter" for each instruction that scatters."""
+    """Yields kernels with what they call directly, and with "scatter" or "gather" for each such instruction."""
     listing = subprocess.run(
         ["objdump", "--disassemble", "--no-show-raw-insn", "--demangle", program], capture_output=True, text=True, check=True
     )
@@ -55,8 +63,10 @@ def calls(program):
             callee = re.search(r"\bcall +[0-9a-f]+ <(.*)>$", line)
             if callee:
                 yield caller, callee[1]
-        elif "vscatter" in line and KERNEL.search(caller):
-            yield caller, "scatter"
+        elif KERNEL.search(caller):
+            for instruction in ("scatter", "gather"):
+                if re.search(rf"\bvp?{instruction}[dq]", line):
+                    yield caller, instruction
 
 
 def is_allowed(caller, callee):
@@ -69,11 +79,11 @@ def main():
     found = {
         (re.sub(r"_(avx512|avx2_).*", "", caller), callee)
         for caller, callee in calls(program)
-        if (callee == "scatter" or SMALL.search(callee) and not KERNEL.search(callee)) and not is_allowed(caller, callee)
+        if (callee in ("scatter", "gather") or SMALL.search(callee) and not KERNEL.search(callee)) and not is_allowed(caller, callee)
     }
     for caller, callee in sorted(found):
-        print(f"{caller}\n    {'scatters' if callee == 'scatter' else 'calls ' + callee}")
-    print(f"{len(found)} calls of closures that are compiled for the lowest instruction set, and scatters")
+        print(f"{caller}\n    {callee + 's' if callee in ('scatter', 'gather') else 'calls ' + callee}")
+    print(f"{len(found)} calls of closures that are compiled for the lowest instruction set, scatters and gathers")
     return 1 if found else 0
 
 

@@ -104,7 +104,6 @@ impl Widths {
 }
 
 /// Returns whether the active rays differ so little in direction that Embree's traversal of coherent rays pays.
-#[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2", "x86_64+sse4.2"))]
 fn is_narrow(packet: &RayPacket) -> bool {
     let first = first_active(packet);
     let limit = MAX_COHERENT_DISTANCE * length_of(&packet.direction, first);
@@ -112,7 +111,6 @@ fn is_narrow(packet: &RayPacket) -> bool {
 }
 
 /// Returns whether enough rays are active, and start and point near enough to each other, to be traced as one packet.
-#[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2", "x86_64+sse4.2"))]
 fn is_near(packet: &RayPacket, max_origin_distance: f32) -> bool {
     let lanes: u32 = packet.active.iter().map(|&active| u32::from(active != 0)).sum();
     let first = first_active(packet);
@@ -135,15 +133,19 @@ fn length_of(rows: &[[f32; LANES]; 3], lane: usize) -> f32 {
 }
 
 /// Returns whether the points or directions of all active lanes are at most `limit` from that of `first` along each axis.
-#[inline(always)]
 fn are_near(rows: &[[f32; LANES]; 3], active: &[i32; LANES], first: usize, limit: f32) -> bool {
+    rows.iter().all(|row| is_row_near(row, active, row[first], limit))
+}
+
+/// Returns whether the coordinates of all active lanes are at most `limit` from one.
+// Compiled for one axis: within a loop over axes, the compiler would gather these lane by lane.
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2", "x86_64+sse4.2"))]
+fn is_row_near(row: &[f32; LANES], active: &[i32; LANES], from: f32, limit: f32) -> bool {
     // Compare in lanes: the largest distance would be found lane by lane
     let mut far = 0;
-    for row in rows {
-        for lane in 0..LANES {
-            let is_far = (row[lane] - row[first]).abs() > limit;
-            far |= if is_far { active[lane] } else { 0 };
-        }
+    for lane in 0..LANES {
+        let is_far = (row[lane] - from).abs() > limit;
+        far |= if is_far { active[lane] } else { 0 };
     }
     far == 0
 }

@@ -8,10 +8,11 @@
 use std::fmt;
 
 use glam::{DVec3, Vec3};
+use multiversion::multiversion;
 
 use crate::buffer::Buffer;
 use crate::mesh::Mesh;
-use crate::numeric::Bounds;
+use crate::numeric::{Bounds, LANES, Lanes, Lanes3};
 use crate::parallel;
 
 /// Triangles per task: enough to hide the cost of a task, few enough to balance.
@@ -122,41 +123,112 @@ pub(crate) fn clear_non_finite_positions(mesh: &mut Mesh) {
     mesh.positions = Buffer::from(mesh.positions.iter().map(clear).collect::<Vec<_>>());
 }
 
+/// Corners of sixteen triangles: by corner, axis and lane.
+type CornerLanes = [Lanes3<f32>; 3];
+
+/// Bounds of the corners of each lane.
+struct LaneBounds {
+    low: Lanes3<f32>,
+    high: Lanes3<f32>,
+}
+
+/// Scans some triangles, sixteen at a time; `first` is the index of the first.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
 fn scan_chunk(positions: &[[f32; 3]], triangles: &[[u32; 3]], first: usize) -> Result<MeshScan, BadIndex> {
-    let mut low = Vec3::INFINITY;
-    let mut high = Vec3::NEG_INFINITY;
+    let mut bounds = LaneBounds {
+        low: [[f32::INFINITY; LANES]; 3],
+        high: [[f32::NEG_INFINITY; LANES]; 3],
+    };
     let mut unusable = 0;
-    for (i, &[a, b, c]) in triangles.iter().enumerate() {
-        let (Some(&p0), Some(&p1), Some(&p2)) = (
-            positions.get(a as usize),
-            positions.get(b as usize),
-            positions.get(c as usize),
-        ) else {
-            // Name the first index that is out of range
-            let outside = [a, b, c].into_iter().find(|&v| v as usize >= positions.len());
-            return Err(BadIndex {
-                triangle: first + i,
-                vertex: outside.unwrap_or(a),
-            });
-        };
+    // Lanes without a triangle keep corners in one point
+    let mut corners = [[[0.0; LANES]; 3]; 3];
+    for (packet, triangles) in triangles.chunks(LANES).enumerate() {
+        if triangles.len() < LANES {
+            corners = [[[0.0; LANES]; 3]; 3];
+        }
+        for (lane, triangle) in triangles.iter().enumerate() {
+            for corner in 0..3 {
+                let vertex = triangle[corner];
+                let Some(position) = positions.get(vertex as usize) else {
+                    let triangle = first + packet * LANES + lane;
+                    return Err(BadIndex { triangle, vertex });
+                };
+                for axis in 0..3 {
+                    corners[corner][axis][lane] = position[axis];
+                }
+            }
+        }
         // Grow the bounds by usable triangles only, as the corners of others may be NaN
-        let corners = [Vec3::from(p0), Vec3::from(p1), Vec3::from(p2)];
-        if is_usable(corners) {
-            low = low.min(corners[0]).min(corners[1]).min(corners[2]);
-            high = high.max(corners[0]).max(corners[1]).max(corners[2]);
-        } else {
-            unusable += 1;
+        let mut is_usable = [false; LANES];
+        find_usable(&corners, &mut is_usable);
+        let mut usable = 0;
+        for lane in 0..LANES {
+            usable += usize::from(is_usable[lane]);
+        }
+        unusable += triangles.len() - usable;
+        for corner in &corners {
+            for axis in 0..3 {
+                grow(
+                    &corner[axis],
+                    &is_usable,
+                    &mut bounds.low[axis],
+                    &mut bounds.high[axis],
+                );
+            }
         }
     }
+    let extreme =
+        |lanes: &Lanes<f32>, of: fn(f32, f32) -> f32| f64::from(lanes.iter().copied().fold(lanes[0], of));
     let bounds = Bounds {
-        min: low.as_dvec3(),
-        max: high.as_dvec3(),
+        min: DVec3::from(bounds.low.each_ref().map(|lanes| extreme(lanes, f32::min))),
+        max: DVec3::from(bounds.high.each_ref().map(|lanes| extreme(lanes, f32::max))),
     };
     Ok(MeshScan { bounds, unusable })
 }
 
-/// Returns whether the triangle is finite and has an area.
+/// Finds the triangles that [`is_usable`] holds for.
 #[inline(always)]
+fn find_usable(corners: &CornerLanes, is_usable: &mut Lanes<bool>) {
+    let [[ax, ay, az], [bx, by, bz], [cx, cy, cz]] = corners;
+    for l in 0..LANES {
+        let (x0, y0, z0) = (f64::from(ax[l]), f64::from(ay[l]), f64::from(az[l]));
+        let (x1, y1, z1) = (
+            f64::from(bx[l]) - x0,
+            f64::from(by[l]) - y0,
+            f64::from(bz[l]) - z0,
+        );
+        let (x2, y2, z2) = (
+            f64::from(cx[l]) - x0,
+            f64::from(cy[l]) - y0,
+            f64::from(cz[l]) - z0,
+        );
+        let (x, y, z) = (y1 * z2 - y2 * z1, z1 * x2 - z2 * x1, x1 * y2 - x2 * y1);
+        let area = x * x + y * y + z * z;
+        is_usable[l] = (area > 0.0) & (area < f64::INFINITY);
+    }
+}
+
+/// Extends the bounds of each lane to the coordinates of usable triangles.
+#[inline(always)]
+fn grow(coordinates: &Lanes<f32>, is_usable: &Lanes<bool>, low: &mut Lanes<f32>, high: &mut Lanes<f32>) {
+    for l in 0..LANES {
+        low[l] = low[l].min(if is_usable[l] {
+            coordinates[l]
+        } else {
+            f32::INFINITY
+        });
+        high[l] = high[l].max(if is_usable[l] {
+            coordinates[l]
+        } else {
+            f32::NEG_INFINITY
+        });
+    }
+}
+
+/// Returns whether the triangle is finite and has an area.
 fn is_usable(corners: [Vec3; 3]) -> bool {
     let [p0, p1, p2]: [DVec3; 3] = corners.map(|p| p.as_dvec3());
     // f32 coordinates to the fourth power stay far inside the range of f64, so only NaN and infinity give such an area.
@@ -188,6 +260,32 @@ mod tests {
             let dropped = drop_unusable(&mut mesh);
             assert_eq!((dropped.no_area, dropped.not_finite), (1, 0));
             assert_eq!(mesh.triangles[..], [[0, 1, 3]]);
+        }
+    }
+
+    #[test]
+    fn packets_find_what_each_triangle_is() {
+        // Corners on a coarse grid, so that many triangles are lines or points, and some that are not finite
+        let mut random = crate::numeric::SplitMix64::new(7, 0);
+        let mut coordinate = || match (random.unit() * 200.0) as u32 {
+            0 => f32::NAN,
+            1 => f32::NEG_INFINITY,
+            step => (step % 3) as f32,
+        };
+        let positions: Vec<[f32; 3]> = (0..3 * 1003).map(|_| [0; 3].map(|_| coordinate())).collect();
+        let triangles: Vec<[u32; 3]> = (0..1003).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        let corners = |triangle: &[u32; 3]| triangle.map(|v| Vec3::from(positions[v as usize]));
+        for count in [1, 15, 16, 17, 1003] {
+            let scanned = scan(&mesh(positions.clone(), triangles[..count].to_vec())).unwrap();
+            let usable: Vec<[Vec3; 3]> = triangles[..count]
+                .iter()
+                .map(corners)
+                .filter(|&c| is_usable(c))
+                .collect();
+            assert!(count < 1003 || (100..900).contains(&usable.len()));
+            assert_eq!(scanned.unusable, count - usable.len());
+            let all = usable.as_flattened().iter().map(|corner| corner.as_dvec3());
+            assert_eq!(scanned.bounds, Bounds::of_points(all));
         }
     }
 

@@ -2,7 +2,8 @@
 
 use glam::Vec3A;
 
-use super::keys::SortedKeys;
+use super::keys::{KeyRange, SortedKeys};
+use crate::parallel;
 
 /// Number of which chunks are multiples that are cut in the middle, so that they make full blocks and clusters.
 const FULL: usize = 16;
@@ -21,45 +22,65 @@ impl MortonChunk {
     }
 }
 
+/// Number of primitives from which both sides of a cut are cut in parallel.
+const PARALLEL: usize = 1 << 16;
+
 /// Cuts the order at the highest digit in which codes differ until no chunk has more than `longest` primitives, which is
 /// above [`FULL`]. Where the codes are equal the primitives are sorted again, in their own cube: one that is far away
 /// from all others does not put these into one cell. Primitives with the same centre are cut in the middle.
 pub(in crate::accel) fn cut(
     keys: &mut SortedKeys,
     longest: usize,
-    twice_centre: impl Fn(usize) -> Vec3A,
+    twice_centre: impl Fn(usize) -> Vec3A + Sync,
 ) -> Vec<MortonChunk> {
-    let mut chunks = Vec::with_capacity(keys.len() / (longest / 4) + 1);
-    let mut waiting = vec![MortonChunk {
-        first: 0,
-        end: keys.len(),
-    }];
-    while let Some(chunk) = waiting.pop() {
+    cut_range(keys.all(), longest, &twice_centre)
+}
+
+/// Cuts one range as [`cut`] does.
+fn cut_range(
+    keys: KeyRange,
+    longest: usize,
+    twice_centre: &(impl Fn(usize) -> Vec3A + Sync),
+) -> Vec<MortonChunk> {
+    let mut chunks = Vec::new();
+    let mut waiting = vec![keys];
+    while let Some(mut range) = waiting.pop() {
         // Keep a range that is short enough
-        let MortonChunk { first, end } = chunk;
-        if chunk.len() <= longest {
-            chunks.push(chunk);
+        if range.len() <= longest {
+            chunks.push(MortonChunk {
+                first: range.first,
+                end: range.first + range.len(),
+            });
             continue;
         }
         // Find where the highest digit that differs becomes 1
-        let is_cell = keys.code(first) == keys.code(end - 1);
-        let middle = if is_cell && !keys.refine(first..end, &twice_centre) {
-            first + (chunk.len() / 2).next_multiple_of(FULL)
+        let is_cell = range.code(0) == range.code(range.len() - 1);
+        let middle = if is_cell && !range.refine(twice_centre) {
+            (range.len() / 2).next_multiple_of(FULL)
         } else {
-            let last_code = keys.code(end - 1);
-            let digit = (keys.code(first) ^ last_code).ilog2();
-            first_at_or_above(keys, chunk, last_code >> digit << digit)
+            let last_code = range.code(range.len() - 1);
+            let digit = (range.code(0) ^ last_code).ilog2();
+            first_at_or_above(&range, last_code >> digit << digit)
         };
-        // Cut both sides further, the first one next
-        waiting.push(MortonChunk { first: middle, end });
-        waiting.push(MortonChunk { first, end: middle });
+        // Cut both sides further, in parallel or the first one next
+        let is_long = range.len() >= PARALLEL;
+        let [front, back] = range.split_at(middle);
+        if is_long {
+            let (front, back) = parallel::join(
+                || cut_range(front, longest, twice_centre),
+                || cut_range(back, longest, twice_centre),
+            );
+            chunks.extend(front.into_iter().chain(back));
+        } else {
+            waiting.extend([back, front]);
+        }
     }
     chunks
 }
 
-/// Returns the first position whose code is at least `code`.
-fn first_at_or_above(keys: &SortedKeys, range: MortonChunk, code: u64) -> usize {
-    let (mut low, mut high) = (range.first, range.end);
+/// Returns the offset of the first code that is at least `code`.
+fn first_at_or_above(keys: &KeyRange, code: u64) -> usize {
+    let (mut low, mut high) = (0, keys.len());
     while low < high {
         let middle = low + (high - low) / 2;
         if keys.code(middle) < code {

@@ -12,7 +12,6 @@ use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::box4::Box4;
-use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::parallel;
 
 /// Number of binary digits of each coordinate.
@@ -29,6 +28,8 @@ const DIGIT_BITS: u32 = 9;
 const DIGITS: usize = 1 << DIGIT_BITS;
 /// Number of passes within a bucket.
 const PASSES: usize = 3;
+/// Number of keys that are computed at once.
+const BATCH: usize = 64;
 /// Size of a bucket up to which comparisons are faster than digits.
 const SMALL_BUCKET: usize = 96;
 /// Least number of primitives of a part, whose keys are to fit into cache.
@@ -45,27 +46,56 @@ pub(in crate::accel) struct SortedKeys {
 }
 
 impl SortedKeys {
-    /// Returns the number of keys.
-    pub(in crate::accel) fn len(&self) -> usize {
-        self.keys.len()
-    }
-
     /// Returns the index of the primitive at a position in the order.
     #[inline(always)]
     pub(in crate::accel) fn number(&self, position: usize) -> usize {
         number_of(self.keys[position], self.index_bits)
     }
 
-    /// Returns the Morton code at a position in the order.
-    #[inline(always)]
-    pub(super) fn code(&self, position: usize) -> u64 {
-        self.keys[position] >> self.index_bits
+    /// Returns all keys for being cut.
+    pub(super) fn all(&mut self) -> KeyRange<'_> {
+        KeyRange {
+            first: 0,
+            keys: &mut self.keys,
+            index_bits: self.index_bits,
+        }
+    }
+}
+
+/// Keys at some positions in the order.
+pub(super) struct KeyRange<'a> {
+    /// First position.
+    pub(super) first: usize,
+    keys: &'a mut [u64],
+    index_bits: u32,
+}
+
+impl<'a> KeyRange<'a> {
+    /// Returns the number of keys.
+    pub(super) fn len(&self) -> usize {
+        self.keys.len()
     }
 
-    /// Sorts a range of equal codes by new ones, in a cube around its own centres; returns whether any of these differ.
-    pub(super) fn refine(&mut self, range: Range<usize>, twice_centre: impl Fn(usize) -> Vec3A) -> bool {
+    /// Returns the Morton code at an offset from the first position.
+    #[inline(always)]
+    pub(super) fn code(&self, offset: usize) -> u64 {
+        self.keys[offset] >> self.index_bits
+    }
+
+    /// Splits the keys in two, of which the second begin at an offset.
+    pub(super) fn split_at(self, offset: usize) -> [KeyRange<'a>; 2] {
+        let (front, back) = self.keys.split_at_mut(offset);
+        [(self.first, front), (self.first + offset, back)].map(|(first, keys)| KeyRange {
+            first,
+            keys,
+            index_bits: self.index_bits,
+        })
+    }
+
+    /// Sorts keys of equal codes by new ones, in a cube around their own centres; returns whether any of these differ.
+    pub(super) fn refine(&mut self, twice_centre: impl Fn(usize) -> Vec3A) -> bool {
         // Bound the centres
-        let keys = &mut self.keys[range];
+        let keys = &mut *self.keys;
         let mut centres = Box4::EMPTY;
         for key in &*keys {
             centres.add_point(0.5 * twice_centre(number_of(*key, self.index_bits)));
@@ -150,47 +180,54 @@ impl KeyCurve {
 
     #[inline(always)]
     fn key(&self, twice_centre: Vec3A, number: usize) -> u64 {
-        let cell = ((twice_centre - self.corner) * self.scale).to_array();
-        let limit = (1 << BITS_PER_AXIS) - 1;
-        let [x, y, z] = cell.map(|x| spread((x as u32).min(limit)));
+        let coordinates = ((twice_centre - self.corner) * self.scale).to_array();
+        let [x, y, z] = coordinates.map(|coordinate| spread(cell(coordinate)));
         ((x | y << 1 | z << 2) >> self.dropped_bits) << self.index_bits | number as u64
     }
 }
 
-/// Returns the keys of sixteen primitives, `first` and those after it: those of [`KeyCurve::key`].
+/// Returns the keys of primitives `first` and those after it: those of [`KeyCurve::key`].
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
-fn key_packet(curve: &KeyCurve, twice_centres: &Lanes3<f32>, first: usize) -> Lanes<u64> {
-    let (mut keys, mut digits) = ([0; LANES], [0; LANES]);
+fn key_batch(curve: &KeyCurve, twice_centres: &[[f32; BATCH]; 3], first: usize) -> [u64; BATCH] {
+    // Find the cells along each axis, and interleave their digits
+    let mut keys = [0; BATCH];
     let (corner, scale) = (curve.corner.to_array(), curve.scale.to_array());
-    for axis in 0..3 {
-        // Find the cells along the axis, then interleave their digits
-        cells_along(&twice_centres[axis], corner[axis], scale[axis], &mut digits);
-        add_digits(&digits, axis as u32, &mut keys);
-    }
-    for lane in 0..LANES {
-        keys[lane] = (keys[lane] >> curve.dropped_bits) << curve.index_bits | (first + lane) as u64;
+    add_digits(&twice_centres[0], corner[0], scale[0], 0, &mut keys);
+    add_digits(&twice_centres[1], corner[1], scale[1], 1, &mut keys);
+    add_digits(&twice_centres[2], corner[2], scale[2], 2, &mut keys);
+    // Put the indices below
+    for i in 0..BATCH {
+        keys[i] = (keys[i] >> curve.dropped_bits) << curve.index_bits | (first + i) as u64;
     }
     keys
 }
 
-/// Finds the cells of sixteen centres along one axis, from 0 to the last one.
+/// Adds the digits of the cells of centres along one axis to their codes.
 #[inline(always)]
-fn cells_along(twice_centres: &Lanes<f32>, corner: f32, scale: f32, cells: &mut Lanes<i32>) {
-    let last = (1 << BITS_PER_AXIS) - 1;
-    for lane in 0..LANES {
-        cells[lane] = (((twice_centres[lane] - corner) * scale) as i32).clamp(0, last);
+fn add_digits(twice_centres: &[f32; BATCH], corner: f32, scale: f32, axis: u32, codes: &mut [u64; BATCH]) {
+    for i in 0..BATCH {
+        codes[i] |= spread(cell((twice_centres[i] - corner) * scale)) << axis;
     }
 }
 
-/// Adds the digits of sixteen cells along one axis to the codes.
+/// Returns the index of the cell that contains a coordinate in cells: 0 below the first and for NaN, the last one above.
 #[inline(always)]
-fn add_digits(cells: &Lanes<i32>, axis: u32, codes: &mut Lanes<u64>) {
-    for lane in 0..LANES {
-        codes[lane] |= spread(cells[lane] as u32) << axis;
-    }
+fn cell(coordinate: f32) -> u32 {
+    /// From here to twice as much, the last bit of a number has the value 1.
+    const ONES: f32 = (1 << 23) as f32;
+    const LAST: f32 = ((1 << BITS_PER_AXIS) - 1) as f32;
+    // Round down by hand: the cast of the language, which saturates, is not vectorised
+    let coordinate = coordinate.max(0.0).min(LAST);
+    let nearest = coordinate + ONES - ONES;
+    let whole = if nearest > coordinate {
+        nearest - 1.0
+    } else {
+        nearest
+    };
+    (whole + ONES).to_bits() - ONES.to_bits()
 }
 
 /// Spreads the lowest 13 bits, with two zeros before each.
@@ -211,18 +248,18 @@ fn bucket_of(key: u64) -> usize {
 
 /// Computes the keys of a range of primitives and distributes them by their top digits.
 fn distributed(twice_centre: &impl Fn(usize) -> Vec3A, curve: &KeyCurve, range: Range<usize>) -> KeyPart {
-    // Compute the keys, sixteen at a time, and count them by bucket
+    // Compute the keys in batches, and count them by bucket
     let mut unsorted = Vec::with_capacity(range.len());
     let mut ends = vec![0u32; BUCKETS];
-    for first in range.clone().step_by(LANES) {
-        // Gather sixteen centres; lanes behind the last one are left out
-        let count = LANES.min(range.end - first);
-        let mut centres = [[0.0; LANES]; 3];
-        for lane in 0..count {
-            let [x, y, z] = twice_centre(first + lane).to_array();
-            (centres[0][lane], centres[1][lane], centres[2][lane]) = (x, y, z);
+    let mut centres = [[0.0; BATCH]; 3];
+    for first in range.clone().step_by(BATCH) {
+        // Gather the centres; those behind the last one are left out
+        let count = BATCH.min(range.end - first);
+        for i in 0..count {
+            let [x, y, z] = twice_centre(first + i).to_array();
+            (centres[0][i], centres[1][i], centres[2][i]) = (x, y, z);
         }
-        let keys = key_packet(curve, &centres, first);
+        let keys = key_batch(curve, &centres, first);
         for &key in &keys[..count] {
             ends[bucket_of(key)] += 1;
         }
@@ -357,24 +394,36 @@ mod tests {
     }
 
     #[test]
-    fn keys_of_sixteen_are_those_of_each() {
+    fn keys_of_a_batch_are_those_of_each() {
         let bounds = Box4::around(&[[-1.0, 0.0, 2.0], [3.0, 1.0, 2.5]]);
         for index_bits in [25, 30] {
             let curve = KeyCurve::around(&bounds, index_bits);
             // Centres inside and outside of the cube, and such that are no numbers
-            let centre = |lane: usize| match lane {
+            let centre = |i: usize| match i {
                 3 => Vec3A::NAN,
                 5 => Vec3A::new(f32::INFINITY, -1e30, 1e30),
-                _ => Vec3A::new(
-                    0.7 * lane as f32 - 3.0,
-                    0.1 * lane as f32,
-                    4.0 + 0.07 * lane as f32,
-                ),
+                _ => Vec3A::new(0.17 * i as f32 - 3.0, 0.03 * i as f32, 4.0 + 0.02 * i as f32),
             };
-            let rows = [0, 1, 2].map(|axis| std::array::from_fn(|lane| centre(lane)[axis]));
-            let keys = key_packet(&curve, &rows, 1000);
-            let each: Lanes<u64> = std::array::from_fn(|lane| curve.key(centre(lane), 1000 + lane));
+            let rows = [0, 1, 2].map(|axis| std::array::from_fn(|i| centre(i)[axis]));
+            let keys = key_batch(&curve, &rows, 1000);
+            let each: [u64; BATCH] = std::array::from_fn(|i| curve.key(centre(i), 1000 + i));
             assert_eq!(keys, each);
+        }
+    }
+
+    #[test]
+    fn cells_are_whole_and_within_the_cube() {
+        for coordinate in [0.0f32, 0.999, 1.0, 1.001, 2.5, 3.5, 4095.999, 8190.9995, 8191.0] {
+            assert_eq!(cell(coordinate), coordinate as u32);
+        }
+        for (outside, expected) in [
+            (-0.5, 0),
+            (-1e30, 0),
+            (8191.5, 8191),
+            (f32::INFINITY, 8191),
+            (f32::NAN, 0),
+        ] {
+            assert_eq!(cell(outside), expected, "{outside}");
         }
     }
 

@@ -45,6 +45,42 @@ pub(super) trait Splitter {
     fn link(&self, item: usize) -> ChildLink;
 }
 
+/// Ranges of a node's children.
+pub(super) struct Family {
+    ranges: [ItemRange; WIDTH],
+    count: usize,
+}
+
+impl Family {
+    /// Splits a range of at least two items, and always the one of the largest area among the results, until there are eight.
+    #[inline(always)]
+    pub(super) fn of(splitter: &mut impl Splitter, range: &ItemRange, depth: usize) -> Family {
+        let mut ranges = [*range; WIDTH];
+        let mut count = 1;
+        while count < WIDTH {
+            // Choose the largest that can be split
+            let mut largest = None;
+            let mut area = f32::NEG_INFINITY;
+            for (member, range) in ranges[..count].iter().enumerate() {
+                if range.len() > 1 && (range.area > area || largest.is_none()) {
+                    (largest, area) = (Some(member), range.area);
+                }
+            }
+            let Some(largest) = largest else { break };
+            let [one, other] = splitter.split(&ranges[largest], depth);
+            ranges[largest] = one;
+            ranges[count] = other;
+            count += 1;
+        }
+        Family { ranges, count }
+    }
+
+    /// Returns the ranges, of which each is of other items.
+    pub(super) fn ranges(&self) -> &[ItemRange] {
+        &self.ranges[..self.count]
+    }
+}
+
 /// Nodes reserved for one tree.
 pub(super) struct NodeSlots<'a> {
     nodes: &'a mut [NativeNode],
@@ -82,30 +118,13 @@ impl<'a> NodeSlots<'a> {
         if range.len() == 1 {
             return splitter.link(range.first);
         }
-        // Split the range of the largest area until there are eight
-        let mut family = [*range; WIDTH];
-        let mut count = 1;
-        while count < WIDTH {
-            // Choose the largest that can be split
-            let mut largest = None;
-            let mut area = f32::NEG_INFINITY;
-            for (member, range) in family[..count].iter().enumerate() {
-                if range.len() > 1 && (range.area > area || largest.is_none()) {
-                    (largest, area) = (Some(member), range.area);
-                }
-            }
-            let Some(largest) = largest else { break };
-            let [one, other] = splitter.split(&family[largest], depth);
-            family[largest] = one;
-            family[count] = other;
-            count += 1;
-        }
         // Reserve the node before those below
+        let family = Family::of(splitter, range, depth);
         let own = self.used;
         self.used += 1;
         // Add the children, then store the node
         let mut node = NativeNode::EMPTY;
-        for (slot, member) in family[..count].iter().enumerate() {
+        for (slot, member) in family.ranges().iter().enumerate() {
             self.margin.store(&mut node, slot, &member.bounds);
             node.children[slot] = self.add(splitter, member, depth + 1);
         }

@@ -180,7 +180,11 @@ fn render_one(
         Ok(rendering)
     })?;
     seconds.render = render_seconds;
-    resolved.tone.exposure_ev = exposure.stops(&rendering.image, rendering.alpha.as_deref());
+    // Choose the exposure, unless it was chosen for the error of the same image
+    resolved.tone.exposure_ev = match rendering.error.filter(|_| job.denoiser.is_none()) {
+        Some(error) => error.stops,
+        None => exposure.stops(&rendering.image, rendering.alpha.as_deref()),
+    };
     seconds.trace = rendering.ledger.trace_seconds();
 
     // Warn of overridden effects and of coarse subsurface sampling

@@ -61,16 +61,12 @@ const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
 /// Pixels without luminance, and those that `alpha` says are less than half covered, do not count.
 pub fn automatic_exposure(image: &LinearImage, alpha: Option<&[f32]>) -> f32 {
     let covered = CoveredPixels { image, alpha };
-    // Count the luminances of each interval
+    // Count the luminances of each interval, and add up the logarithms of each chunk
+    let mut chunks = covered.map_chunks(&|_| true, &ChunkLuminance::new);
     let mut counts = vec![0; INTERVAL_COUNT];
-    let of_chunk = |levels: &[f64]| {
-        let mut counts = vec![0u32; INTERVAL_COUNT];
-        levels.iter().for_each(|&level| counts[interval(level)] += 1);
-        counts
-    };
-    for of_chunk in covered.map_chunks(&of_chunk) {
-        for (count, more) in counts.iter_mut().zip(of_chunk) {
-            *count += more as usize;
+    for chunk in &chunks {
+        for (count, more) in counts.iter_mut().zip(&chunk.counts) {
+            *count += usize::from(*more);
         }
     }
     // Find the percentile that may become white: its interval, then its place there
@@ -85,12 +81,21 @@ pub fn automatic_exposure(image: &LinearImage, alpha: Option<&[f32]>) -> f32 {
     }
     let is_near_white = |level: &&f64| interval(**level) == of_white;
     let near_white = |levels: &[f64]| -> Vec<f64> { levels.iter().filter(is_near_white).copied().collect() };
-    let mut levels = covered.map_chunks(&near_white).concat();
+    let has_near_white = |chunk: usize| chunks[chunk].counts[of_white] > 0;
+    let mut levels = covered.map_chunks(&has_near_white, &near_white).concat();
     let white = *levels.select_nth_unstable_by(index, f64::total_cmp).1;
-    // Take the geometric mean, and the smaller of both gains
+    // Limit the luminances of chunks that have darker ones than count
     let darkest = DARKEST * white;
-    let sums = covered.map_chunks(&|levels| sum_of_logarithms(levels, darkest));
-    let of_grey = MIDDLE_GREY.log2() - sums.iter().sum::<f64>() / count as f64;
+    let is_darker = |chunk: &ChunkLuminance| chunk.min < darkest;
+    let sum_limited = |levels: &[f64]| sum_of_logarithms(levels, darkest);
+    let limited = covered.map_chunks(&|chunk| is_darker(&chunks[chunk]), &sum_limited);
+    let darker = chunks.iter_mut().filter(|chunk| is_darker(chunk));
+    darker
+        .zip(limited)
+        .for_each(|(chunk, sum)| chunk.logarithms = sum);
+    // Take the geometric mean, and the smaller of both gains
+    let logarithms: f64 = chunks.iter().map(|chunk| chunk.logarithms).sum();
+    let of_grey = MIDDLE_GREY.log2() - logarithms / count as f64;
     let stops = of_grey.min(-white.log2());
     let limit = f64::from(MAX_EXPOSURE);
     ((stops * STEPS_PER_STOP).round() / STEPS_PER_STOP).clamp(-limit, limit) as f32
@@ -103,9 +108,18 @@ struct CoveredPixels<'a> {
 }
 
 impl CoveredPixels<'_> {
-    /// Returns the results of `work` for the luminances of each chunk of pixels, in order.
-    fn map_chunks<T: Send>(&self, work: &(dyn Fn(&[f64]) -> T + Sync)) -> Vec<T> {
-        parallel::map_chunks(&self.image.pixels, CHUNK, &|chunk, pixels| {
+    /// Returns the results of `work` for the luminances of each chunk of pixels that `is_wanted` by its number, in order.
+    fn map_chunks<T: Send>(
+        &self,
+        is_wanted: &dyn Fn(usize) -> bool,
+        work: &(dyn Fn(&[f64]) -> T + Sync),
+    ) -> Vec<T> {
+        let pixels = &self.image.pixels;
+        let all = 0..pixels.len().div_ceil(CHUNK);
+        let wanted: Vec<usize> = all.filter(|&chunk| is_wanted(chunk)).collect();
+        parallel::map(wanted.len(), &|task| {
+            let first = CHUNK * wanted[task];
+            let pixels = &pixels[first..pixels.len().min(first + CHUNK)];
             let (mut levels, mut count) = ([0.0; CHUNK], 0);
             let mut add = |pixel: &[f32; 3], alpha: f32| {
                 let sum: f64 = (0..3).map(|c| LUMINANCE[c] * f64::from(pixel[c])).sum();
@@ -117,12 +131,38 @@ impl CoveredPixels<'_> {
             match self.alpha {
                 None => pixels.iter().for_each(|pixel| add(pixel, 1.0)),
                 Some(alpha) => {
-                    let covered = pixels.iter().zip(&alpha[chunk * CHUNK..]);
+                    let covered = pixels.iter().zip(&alpha[first..]);
                     covered.for_each(|(pixel, &alpha)| add(pixel, alpha));
                 }
             }
             work(&levels[..count])
         })
+    }
+}
+
+/// Luminances of a chunk of pixels.
+struct ChunkLuminance {
+    /// Number of luminances in each interval.
+    counts: Vec<u16>,
+    /// Sum of their binary logarithms.
+    logarithms: f64,
+    /// Smallest luminance.
+    min: f64,
+}
+
+impl ChunkLuminance {
+    fn new(levels: &[f64]) -> ChunkLuminance {
+        let mut counts = vec![0; INTERVAL_COUNT];
+        let mut min = f64::INFINITY;
+        for &level in levels {
+            counts[interval(level)] += 1;
+            min = level.min(min);
+        }
+        ChunkLuminance {
+            counts,
+            logarithms: sum_of_logarithms(levels, 0.0),
+            min,
+        }
     }
 }
 
@@ -137,13 +177,15 @@ fn sum_of_logarithms(levels: &[f64], darkest: f64) -> f64 {
     // Add exponents, and multiply significands, which are below 2: the products are below 2^512
     let (mut exponents, mut logarithms) = (0, 0.0);
     for levels in levels.chunks(512) {
-        let mut product = 1.0;
-        for level in levels {
-            let bits = level.max(darkest).to_bits();
-            exponents += (bits >> SIGNIFICAND_BITS) as i64 - EXPONENT_OF_ONE;
-            product *= f64::from_bits(bits & SIGNIFICAND | 1f64.to_bits());
+        let mut products = [1.0; 8];
+        for levels in levels.chunks(products.len()) {
+            for (product, level) in products.iter_mut().zip(levels) {
+                let bits = level.max(darkest).to_bits();
+                exponents += (bits >> SIGNIFICAND_BITS) as i64 - EXPONENT_OF_ONE;
+                *product *= f64::from_bits(bits & SIGNIFICAND | 1f64.to_bits());
+            }
         }
-        logarithms += product.log2();
+        logarithms += products.iter().product::<f64>().log2();
     }
     exponents as f64 + logarithms
 }

@@ -7,7 +7,9 @@ use super::adaptive::{self, Adaptive, Checkpoints};
 use super::aov::{AovBuffers, PixelCostBuffer, layer};
 use super::context::RenderContext;
 use super::edge_contrast;
-use super::film::{SampleAovs, SampleCounts, TileResult, tile_result, transparency};
+use super::film::{
+    SampleAovs, SampleCounts, SharedImage, TileResult, filtered_image, tile_result, transparency,
+};
 use super::monitor::{Cancelled, Monitor};
 use super::profile::{Category, Profiler, RenderProfile, Tally};
 use super::result::Rendering;
@@ -73,9 +75,8 @@ pub fn render_on(
     // Estimate the error
     if let Some(exposure) = settings.error_exposure {
         let stops = exposure.stops(&rendering.image, rendering.alpha.as_deref());
-        let gain = f64::from(stops).exp2();
         let taken = rendering.samples.mean;
-        rendering.error = Some(image_error(frame, (&rendering.image, taken), gain, monitor)?);
+        rendering.error = Some(image_error(frame, (&rendering.image, taken), stops, monitor)?);
     }
     Ok(rendering)
 }
@@ -105,13 +106,17 @@ fn render_uniformly(
     layers.extend(frame.light_sheet.blank(region));
     let planes = AovBuffers::over(&mut layers, region);
     // Render all tiles that the region touches
-    let (tiles, mut ledger) = render_tiles(frame, &cover.tiles, Some(&planes), monitor)?;
-    drop(planes);
-    let tiles = cover.placed(tiles);
     let [width, height] = cover.size();
-    // Assemble tiles into pixels and add filtered neighbours
+    let mut pixels = vec![[0.0; 3]; width as usize * height as usize];
+    let image = SharedImage::over(&mut pixels, cover.corner(), width);
+    let (tiles, mut ledger) = render_tiles(frame, &cover.tiles, Some(&image), Some(&planes), monitor)?;
+    drop((planes, image));
+    let tiles = cover.placed(tiles);
+    // Add the samples of neighbouring pixels
     let mut meter = Profiler::new(settings);
-    let pixels = transparency::assembled([width, height], &tiles, settings);
+    if !settings.filter.is_box() {
+        filtered_image::assemble(width, &mut pixels, &tiles);
+    }
     let aovs = || {
         SampleAovs::of(
             &cover.cut(tile_result::assemble(width, height, &tiles, &|result| {
@@ -138,10 +143,12 @@ fn render_uniformly(
     })
 }
 
-/// Renders `tiles` and returns them in order with their pixels; their AOVs are written to `planes`.
+/// Renders `tiles` and returns them in order. Their means are written to `image`, if there is one, and are then no part of
+/// the results; their AOVs are written to `planes`.
 pub(super) fn render_tiles(
     frame: &RenderContext,
     tiles: &[Tile],
+    image: Option<&SharedImage>,
     planes: Option<&AovBuffers>,
     monitor: &Monitor,
 ) -> Result<(Vec<(Tile, TileResult)>, RenderProfile), Cancelled> {
@@ -152,9 +159,12 @@ pub(super) fn render_tiles(
         // Stop between tiles if the render is cancelled
         monitor.check()?;
         let tile = tiles[index];
-        let (result, ledger) = waves.acquire().render_tile(tile, planes);
+        let (mut result, ledger) = waves.acquire().render_tile(tile, planes);
         // Report the finished tile
         monitor.show(tile, &result.means);
+        if let Some(image) = image {
+            image.put(tile, &std::mem::take(&mut result.means));
+        }
         let finished = finished.fetch_add(1, Ordering::Relaxed) + 1;
         (monitor.progress)(finished as f64 / tiles.len() as f64);
         Ok(((tile, result), ledger))

@@ -6,6 +6,7 @@ mod label;
 mod pixel_statistics;
 mod sample_aovs;
 mod sample_film;
+mod shared_image;
 mod splat;
 mod tile_film;
 pub(super) mod tile_result;
@@ -20,6 +21,7 @@ pub(super) use pixel_statistics::PixelStatistics;
 #[cfg(test)]
 pub(super) use pixel_statistics::estimate;
 pub(super) use sample_film::SampleFilm;
+pub(super) use shared_image::SharedImage;
 pub(super) use splat::weighted_mean;
 pub(super) use tile_film::TileFilm;
 pub(super) use tile_result::TileResult;

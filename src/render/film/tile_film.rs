@@ -178,10 +178,16 @@ impl TileFilm {
 
     /// Returns the means over `spp` samples of the pixels of the tile, row by row.
     fn means(&self, tile: Tile, spp: u32) -> Vec<[f32; 3]> {
-        let scale = 1.0 / f64::from(spp);
-        cut(tile, &self.sums)
-            .map(|sum| sum.map(|channel| (channel * scale) as f32))
-            .collect()
+        let mut means = vec![[0.0; 3]; (tile.width * tile.height) as usize];
+        let rows = self.sums.chunks(TILE as usize);
+        for (means, sums) in means.chunks_mut(tile.width as usize).zip(rows) {
+            set_means(
+                means.as_flattened_mut(),
+                sums.as_flattened(),
+                1.0 / f64::from(spp),
+            );
+        }
+        means
     }
 }
 
@@ -202,6 +208,17 @@ pub fn pixel_sum(packets: impl Iterator<Item = Lanes<f32>>) -> f64 {
 pub(in crate::render) fn cut<T>(tile: Tile, pixels: &[T]) -> impl Iterator<Item = &T> {
     let rows = pixels.chunks(TILE as usize).take(tile.height as usize);
     rows.flat_map(move |row| &row[..tile.width as usize])
+}
+
+/// Sets each mean to the sum at its place, times `scale`.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+fn set_means(means: &mut [f32], sums: &[f64], scale: f64) {
+    for (mean, sum) in means.iter_mut().zip(sums) {
+        *mean = (sum * scale) as f32;
+    }
 }
 
 /// Returns the f64 sums over all lanes of a packet.

@@ -7,6 +7,7 @@ use crate::parallel;
 
 /// Pixels of one tile, row by row.
 pub(in crate::render) struct TileResult {
+    /// Means of the samples; empty once they are in a [`SharedImage`](super::SharedImage).
     pub(in crate::render) means: Vec<[f32; 3]>,
     /// Sums behind the means, if partial images are to be added.
     pub(in crate::render) sums: Vec<[f64; 3]>,

@@ -5,26 +5,12 @@ use super::super::tile::Tile;
 use super::filtered_image;
 use super::tile_result::{self, TileResult};
 
-/// Returns the pixels of an image of `size` (width and height) that tiles form: means, or filtered sums.
-pub(in crate::render) fn assembled(
-    [width, height]: [u32; 2],
-    tiles: &[(Tile, TileResult)],
-    settings: &RenderSettings,
-) -> Vec<[f32; 3]> {
-    let mut pixels = tile_result::assemble(width, height, tiles, &|result| &result.means);
-    // Add the samples of neighbouring pixels
-    if !settings.filter.is_box() {
-        filtered_image::assemble(width, &mut pixels, tiles);
-    }
-    pixels
-}
-
-/// Returns the coverage of the pixels of an image of `size`, which is 1 minus the mean transparency of the channels;
+/// Returns the coverage of the pixels of an image of `size` (width and height), which is 1 minus the mean transparency of the channels;
 /// `None` if the tiles have no film of transparency.
 ///
 /// A filter with negative lobes may give values slightly below 0 and above 1.
 pub(in crate::render) fn coverage(
-    size: [u32; 2],
+    [width, height]: [u32; 2],
     tiles: Vec<(Tile, TileResult)>,
     settings: &RenderSettings,
 ) -> Option<Vec<f32>> {
@@ -33,7 +19,11 @@ pub(in crate::render) fn coverage(
         .into_iter()
         .map(|(tile, result)| Some((tile, *result.transparency?)))
         .collect();
-    let transparencies = assembled(size, &films?, settings);
+    let films = films?;
+    let mut transparencies = tile_result::assemble(width, height, &films, &|film| &film.means);
+    if !settings.filter.is_box() {
+        filtered_image::assemble(width, &mut transparencies, &films);
+    }
     // Average the channels, which coloured volumes weaken unequally
     let alpha = |channels: [f32; 3]| {
         let sum: f64 = channels.iter().map(|&channel| f64::from(channel)).sum();

@@ -33,18 +33,18 @@ impl RenderContext<'_> {
     /// Returns the bytes that do not all exist at the same time, and the maximum of them that does: during sampling
     /// or during assembly of the image.
     fn phases(&self, threads: &ThreadMemory, max_tile_bytes: u64) -> (u64, u64) {
-        let image = self.picture_bytes() as u64;
         if self.settings.target().is_some() {
             // Adaptive sampling keeps estimates instead of tiles
+            let image = self.picture_bytes() as u64;
             let rounds = threads.max_round_bytes();
             let estimates = (self.pixel_count() * size_of::<PixelStatistics>()) as u64;
             return (rounds + image, (rounds + max_tile_bytes).max(estimates + image));
         }
-        let put_together = self.all_tile_bytes() as u64 + image;
-        (put_together, max_tile_bytes.max(put_together))
+        let tiles = self.all_tile_bytes() as u64;
+        (tiles, max_tile_bytes.max(tiles))
     }
 
-    /// Returns the bytes that a finished tile keeps until the image is assembled.
+    /// Returns the bytes that a finished tile keeps until the image is assembled, besides its pixels in the image.
     pub(in crate::render) fn tile_bytes(&self, tile: Tile) -> usize {
         let settings = &self.settings;
         let estimate = if settings.sample_aovs {
@@ -52,8 +52,12 @@ impl RenderContext<'_> {
         } else {
             0
         };
-        let film = size_of::<[f32; 3]>() + estimate + settings.filter.bytes_per_pixel() as usize;
-        let pixel = if settings.has_alpha() { 2 * film } else { film };
+        let film = estimate + settings.filter.bytes_per_pixel() as usize;
+        let pixel = if settings.has_alpha() {
+            2 * film + size_of::<[f32; 3]>()
+        } else {
+            film
+        };
         (tile.width * tile.height) as usize * pixel + size_of::<((Tile, TileResult), RenderProfile)>()
     }
 
@@ -89,7 +93,7 @@ impl RenderContext<'_> {
                 .map_or(0, ThreadMemory::max_round_bytes);
             memory.add("sampling", "estimates", rounds as usize);
         } else {
-            memory.add("film", "images of tiles", self.all_tile_bytes());
+            memory.add("film", "tiles before assembly", self.all_tile_bytes());
             if settings.sample_aovs {
                 memory.add("sampling", "estimates", pixels * size_of::<PixelStatistics>());
             }

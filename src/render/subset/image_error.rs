@@ -42,6 +42,8 @@ pub struct ImageError {
     pub rmse: f64,
     /// Ends of the interval that contains it with 95 % probability, as far as the pixels represent the image.
     pub interval: [f64; 2],
+    /// Stops of exposure of the displayed values.
+    pub stops: f32,
     /// Number of pixels that were rendered again.
     pub pixels: u64,
     /// Factor of the samples for half the error; `None` where it is not measured: pixels have different numbers of samples,
@@ -80,12 +82,12 @@ impl BlockSums {
     }
 }
 
-/// Estimates the error of an image of `frame` that took a mean number of samples per pixel. Afterwards no more of the
-/// image can be rendered with `frame`.
+/// Estimates the error of an image of `frame` that took a mean number of samples per pixel, as displayed with `stops` of
+/// exposure. Afterwards no more of the image can be rendered with `frame`.
 pub(in crate::render) fn image_error(
     mut frame: RenderContext,
     (image, taken): (&LinearImage, f64),
-    gain: f64,
+    stops: f32,
     monitor: &Monitor,
 ) -> Result<ImageError, Cancelled> {
     let settings = frame.settings;
@@ -117,13 +119,17 @@ pub(in crate::render) fn image_error(
         images.push(rendered?);
     }
     // Compare them with the image
+    let gain = f64::from(stops).exp2();
     let sums: Vec<BlockSums> = blocks
         .iter()
         .zip(images[0].iter().zip(&images[1]))
         .map(|(&block, (a, b))| BlockSums::new(image, inner(block, &frame.settings), [a, b], gain))
         .collect();
     let is_measured = settings.has_equal_counts() && settings.pattern == Pattern::Sobol;
-    Ok(summary(&sums, is_measured.then_some(sample_ratio)))
+    Ok(ImageError {
+        stops,
+        ..summary(&sums, is_measured.then_some(sample_ratio))
+    })
 }
 
 /// Returns evenly distributed blocks of about `count` pixels together, with the pixels around them that a filter needs.
@@ -168,6 +174,7 @@ fn summary(sums: &[BlockSums], sample_ratio: Option<f64>) -> ImageError {
     ImageError {
         rmse: root(square),
         interval: [root(square - error), root(square + error)],
+        stops: 0.0,
         pixels: (count / 3.0).round() as u64,
         samples_of_half_error: rate.map(|rate| rate.recip().exp2()),
     }

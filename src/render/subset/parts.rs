@@ -145,7 +145,7 @@ impl<'s> Parts<'s> {
         let frame = &self.frame;
         // Render the tiles that the region touches
         let cover = Cover::of(region, &frame.settings);
-        let (tiles, mut ledger) = render_tiles(frame, &cover.tiles, None, monitor)?;
+        let (tiles, mut ledger) = render_tiles(frame, &cover.tiles, None, None, monitor)?;
         let sums = cover.sums(frame, &cover.placed(tiles));
         // Include the preparation in the ledger of the first part
         ledger += std::mem::take(&mut self.ready);

@@ -187,7 +187,7 @@ pub fn render_patches(
         }
         None => {
             // Render patches as tiles and crop what the filter mixes
-            let (tiles, ledger) = render_tiles(&frame, &patches, None, monitor)?;
+            let (tiles, ledger) = render_tiles(&frame, &patches, None, None, monitor)?;
             let (reach, side) = (settings.reach(), side(&settings));
             for (number, (tile, result)) in tiles.into_iter().enumerate() {
                 let inner = Tile {

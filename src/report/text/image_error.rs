@@ -52,6 +52,7 @@ mod tests {
         let mut error = ImageError {
             rmse: 0.01234,
             interval: [0.01, 0.0139],
+            stops: 0.0,
             pixels: 4096,
             samples_of_half_error: Some(2.64),
         };

@@ -146,7 +146,7 @@ struct ChunkLuminance {
     counts: Vec<u16>,
     /// Sum of their binary logarithms.
     logarithms: f64,
-    /// Smallest luminance.
+    /// Smallest luminance of the chunk.
     min: f64,
 }
 

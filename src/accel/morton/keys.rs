@@ -64,7 +64,7 @@ impl SortedKeys {
 
 /// Keys at some positions in the order.
 pub(super) struct KeyRange<'a> {
-    /// First position.
+    /// Position of the first key.
     pub(super) first: usize,
     keys: &'a mut [u64],
     index_bits: u32,

@@ -8,7 +8,7 @@ use super::super::tile::{TILE, Tile};
 pub(in crate::render) struct SharedImage<'p> {
     /// Column and row of the first pixel, which are those of a tile.
     corner: [u32; 2],
-    /// Number of columns.
+    /// Number of columns of the rectangle.
     width: usize,
     /// Pixels of each row of tiles.
     bands: Vec<Mutex<&'p mut [[f32; 3]]>>,

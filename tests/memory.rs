@@ -48,6 +48,22 @@ unsafe impl GlobalAlloc for Counting {
         // SAFETY: as above.
         unsafe { System.dealloc(pointer, layout) }
     }
+
+    // Unlike the trait's own, which copies what shrinks, too
+    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, new_size: usize) -> *mut u8 {
+        // SAFETY: as above.
+        let moved = unsafe { System.realloc(pointer, layout, new_size) };
+        // Count both blocks of a move, and what is added in place
+        if moved != pointer {
+            grow(new_size);
+            NOW.fetch_sub(layout.size(), Ordering::Relaxed);
+        } else if new_size > layout.size() {
+            grow(new_size - layout.size());
+        } else {
+            NOW.fetch_sub(layout.size() - new_size, Ordering::Relaxed);
+        }
+        moved
+    }
 }
 
 #[global_allocator]

@@ -114,12 +114,14 @@ impl CoveredPixels<'_> {
         is_wanted: &dyn Fn(usize) -> bool,
         work: &(dyn Fn(&[f64]) -> T + Sync),
     ) -> Vec<T> {
+        // List the chunks
         let pixels = &self.image.pixels;
         let all = 0..pixels.len().div_ceil(CHUNK);
         let wanted: Vec<usize> = all.filter(|&chunk| is_wanted(chunk)).collect();
         parallel::map(wanted.len(), &|task| {
             let first = CHUNK * wanted[task];
             let pixels = &pixels[first..pixels.len().min(first + CHUNK)];
+            // Compute the luminances of those pixels that count
             let (mut levels, mut count) = ([0.0; CHUNK], 0);
             let mut add = |pixel: &[f32; 3], alpha: f32| {
                 let sum: f64 = (0..3).map(|c| LUMINANCE[c] * f64::from(pixel[c])).sum();

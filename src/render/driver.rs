@@ -106,6 +106,7 @@ fn render_uniformly(
     layers.extend(frame.light_sheet.blank(region));
     let planes = AovBuffers::over(&mut layers, region);
     // Render all tiles that the region touches
+    // Allocate the image, as large as its tiles
     let [width, height] = cover.size();
     let mut pixels = vec![[0.0; 3]; width as usize * height as usize];
     let image = SharedImage::over(&mut pixels, cover.corner(), width);

@@ -146,6 +146,7 @@ fn scan_chunk(positions: &[[f32; 3]], triangles: &[[u32; 3]], first: usize) -> R
     // Lanes without a triangle keep corners in one point
     let mut corners = [[[0.0; LANES]; 3]; 3];
     for (packet, triangles) in triangles.chunks(LANES).enumerate() {
+        // Gather the corners
         if triangles.len() < LANES {
             corners = [[[0.0; LANES]; 3]; 3];
         }
@@ -180,6 +181,7 @@ fn scan_chunk(positions: &[[f32; 3]], triangles: &[[u32; 3]], first: usize) -> R
             }
         }
     }
+    // Combine the lanes
     let extreme =
         |lanes: &Lanes<f32>, of: fn(f32, f32) -> f32| f64::from(lanes.iter().copied().fold(lanes[0], of));
     let bounds = Bounds {

@@ -31,10 +31,12 @@ impl<'p> SharedImage<'p> {
 
     /// Writes the pixels of a tile, row by row.
     pub(in crate::render) fn put(&self, tile: Tile, means: &[[f32; 3]]) {
+        // Find the rows and the first column
         let [left, top] = self.corner;
         let column = (tile.x - left) as usize;
         let band = &self.bands[((tile.y - top) / TILE) as usize];
         let mut band = band.lock().unwrap_or_else(PoisonError::into_inner);
+        // Copy the tile row by row
         let rows = band.chunks_mut(self.width);
         for (row, means) in rows.zip(means.chunks(tile.width as usize)) {
             row[column..column + means.len()].copy_from_slice(means);

@@ -179,6 +179,7 @@ impl TileFilm {
     /// Returns the means over `spp` samples of the pixels of the tile, row by row.
     fn means(&self, tile: Tile, spp: u32) -> Vec<[f32; 3]> {
         let mut means = vec![[0.0; 3]; (tile.width * tile.height) as usize];
+        // Crop the rows to the tile
         let rows = self.sums.chunks(TILE as usize);
         for (means, sums) in means.chunks_mut(tile.width as usize).zip(rows) {
             set_means(

@@ -19,10 +19,12 @@ const PARALLEL: usize = 1 << 9;
 
 /// Adds the nodes over all chunks behind those of the chunks, and returns the link to the root.
 pub(super) fn build(mut trees: Vec<ChunkTree>, nodes: &mut [NativeNode], margin: Margin) -> ChildLink {
+    // Bound all chunks
     let mut bounds = Box4::EMPTY;
     for tree in &trees {
         bounds.add(&tree.bounds);
     }
+    // Build behind the nodes of the chunks
     let first = nodes.len() - max_node_count(trees.len());
     let mut task = TopTask {
         trees: &mut trees,
@@ -50,6 +52,7 @@ impl TopTask<'_> {
             trees: &mut *self.trees,
             scratch: Vec::with_capacity(range.len()),
         };
+        // Build a short range at once
         if range.len() < PARALLEL {
             return NodeSlots::new(self.nodes, self.first, margin).add(&mut bins, &range, depth);
         }

@@ -17,7 +17,7 @@ const LADDER: [[u32; 2]; 5] = [[16, 32], [8, 16], [4, 16], [4, 8], [2, 8]];
 /// for errors that fall more slowly, as those of rare bright samples do, which display clips.
 const REFERENCE_TIMES: u32 = 200;
 /// Number of images that each reference half is planned as; the first shows in which pixels the noise is.
-const REFERENCE_IMAGES: u32 = 8;
+const REFERENCE_IMAGES: u32 = 16;
 /// Smallest growth of the images for which the reference is begun anew.
 const MIN_GROWTH: f64 = 1.5;
 /// Smallest number of samples per pixel of an image of a reference half.

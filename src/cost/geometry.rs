@@ -13,7 +13,7 @@ use super::{Configuration, GeometricErrors, HitPath, Knob, Point};
 use crate::accel::{Accel, Coherence, LANES, RayPacket};
 use crate::numeric::{Ray, SpawnPolicy};
 use crate::parallel;
-use crate::render::{AovSet, HitPoint, LightAovs, RecordedRays, RenderSettings, record};
+use crate::render::{HitPoint, RecordedRays, RenderSettings, record};
 use crate::scene::Effect;
 
 /// Perturbation by f32 rounding, relative to the direction's length and to the origin's largest coordinate: sixteen
@@ -272,13 +272,9 @@ impl Workspace<'_, '_> {
             spp: 1,
             depth: 0,
             adaptive: None,
-            sample_aovs: false,
-            layers: AovSet::NONE,
-            light_layers: LightAovs::NONE,
-            cost_aovs: false,
             ledger: false,
             effects,
-            ..configuration.settings
+            ..configuration.settings.without_aovs()
         };
         let scene = self.scene(configuration);
         let reference = &*self.built(&configuration.with_path(HitPath::BSP)).accel;

@@ -68,9 +68,10 @@ impl NoiseStratum {
 
 /// Returns the squared difference of the halves in each pixel, summed over channels.
 fn squared_differences(halves: &SplitReference) -> Vec<f64> {
-    let pixels = halves.a.pixels.iter().zip(&halves.b.pixels);
+    let differences = halves.a.minus(&halves.b);
+    let pixels = differences.chunks_exact(3);
     pixels
-        .map(|(a, b)| (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum())
+        .map(|channels| channels.iter().map(|difference| difference * difference).sum())
         .collect()
 }
 

@@ -29,6 +29,8 @@ const DISAGREEING_PART: f64 = 0.0025;
 /// Smallest number of further images of both halves for which the pixels are divided into strata: that takes the time of
 /// one, and the noise falls by more from the third on.
 const MIN_PAIRS_FOR_STRATA: f64 = 2.0;
+/// Ratio of the noise that larger images are planned for to that of the first two: these miss bright samples that are rare.
+const RARE_NOISE: f64 = 2.0;
 /// First seeds of the two halves, and of the images that check the reference; the seeds of blocks count from 1. The
 /// distance ensures that no image of one half has the other half's random numbers.
 const REFERENCE_SEEDS: [u32; 2] = [1_000_000_000, 2_000_000_000];
@@ -221,7 +223,7 @@ impl Workspace<'_, '_> {
             let until = MEASURED_PART * self.experiment.budget - reserved;
             // Begin anew with larger images if the time allows these, at the rate at which random noise falls
             let aimed = AIMED_PART * least;
-            let missing = (reference.halves.noise_squared() / aimed).max(1.0);
+            let missing = (RARE_NOISE * reference.halves.noise_squared() / aimed).max(1.0);
             let left = until + reserved - self.spent();
             if let Some(seconds) = reference.seconds_of_first()
                 && let Some(larger) =

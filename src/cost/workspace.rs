@@ -9,9 +9,7 @@ use super::{Configuration, CostError, DisplayImage, Experiment, HitPath, SceneCh
 use crate::accel::{self, Accel, AccelOptions};
 use crate::image::LinearImage;
 use crate::measure::{Observer, Stopwatch, TurnTime};
-use crate::render::{
-    AovSet, LightAovs, PatchGrid, RenderSettings, Rendering, render, render_patches, render_pixels,
-};
+use crate::render::{AovSet, PatchGrid, RenderSettings, Rendering, render, render_patches, render_pixels};
 use crate::scene::{Effect, Scene, ValidScene};
 
 /// Acceleration structure with its build time in seconds.
@@ -114,11 +112,7 @@ impl<'s> Workspace<'_, 's> {
             height,
             seed,
             ledger: false,
-            sample_aovs: false,
-            layers: AovSet::NONE,
-            light_layers: LightAovs::NONE,
-            cost_aovs: false,
-            ..configuration.settings
+            ..configuration.settings.without_aovs()
         }
     }
 

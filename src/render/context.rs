@@ -192,12 +192,8 @@ impl<'s> RenderContext<'s> {
             filter,
             adaptive: None,
             edge_contrast: None,
-            sample_aovs: false,
-            layers: AovSet::NONE,
-            light_layers: LightAovs::NONE,
             ledger: false,
-            cost_aovs: false,
-            ..self.settings
+            ..self.settings.without_aovs()
         };
         (self.costs, self.thread_memory, self.screen_motion) = (None, None, None);
         self.mattes = MatteIds::of(self.scene, AovSet::NONE);

@@ -124,6 +124,17 @@ pub enum HitPoint {
 }
 
 impl RenderSettings {
+    /// Returns the settings of an image without AOVs of any kind.
+    pub(crate) fn without_aovs(self) -> RenderSettings {
+        RenderSettings {
+            sample_aovs: false,
+            layers: AovSet::NONE,
+            light_layers: LightAovs::NONE,
+            cost_aovs: false,
+            ..self
+        }
+    }
+
     /// Returns the random pair of sample `sample` of `pixel` (column and row) for `purpose`.
     pub(super) fn numbers(&self, pixel: [u32; 2], sample: u32, purpose: Purpose) -> [f64; 2] {
         sample_2d(self.pattern, pixel, sample, self.spp, purpose.seeded(self.seed))

@@ -8,7 +8,6 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 
 use super::super::adaptive;
-use super::super::aov::{AovSet, LightAovs};
 use super::super::context::RenderContext;
 use super::super::driver::render_tiles;
 use super::super::film::SampleCounts;
@@ -137,9 +136,7 @@ fn complete_patches(settings: &RenderSettings) -> [u32; 2] {
 
 /// Renders the patches of the image that `settings` describe, in the current rayon pool.
 ///
-/// [`RenderSettings::edge_contrast`], [`RenderSettings::sample_aovs`], [`RenderSettings::layers`] and
-/// [`RenderSettings::cost_aovs`] are ignored. `accel`
-/// must have been built from `scene`.
+/// [`RenderSettings::edge_contrast`] and all AOVs are ignored. `accel` must have been built from `scene`.
 pub fn render_patches(
     (scene, camera): (ValidScene, &Camera),
     accel: &dyn Accel,
@@ -150,11 +147,7 @@ pub fn render_patches(
     let start = Instant::now();
     let settings = RenderSettings {
         edge_contrast: None,
-        sample_aovs: false,
-        layers: AovSet::NONE,
-        light_layers: LightAovs::NONE,
-        cost_aovs: false,
-        ..*settings
+        ..settings.without_aovs()
     };
     // Prepare the scene
     let mut frame = RenderContext::new(scene.get(), camera, accel, &settings);

@@ -1,6 +1,5 @@
 //! Render of chosen pixels of an image.
 
-use super::super::aov::{AovSet, LightAovs};
 use super::super::context::RenderContext;
 use super::super::film::TileResult;
 use super::super::monitor::{Cancelled, Monitor};
@@ -34,11 +33,7 @@ pub fn render_pixels(
     let settings = RenderSettings {
         adaptive: None,
         edge_contrast: None,
-        sample_aovs: false,
-        layers: AovSet::NONE,
-        light_layers: LightAovs::NONE,
-        cost_aovs: false,
-        ..*settings
+        ..settings.without_aovs()
     };
     debug_assert_eq!(settings.reach(), 0, "neighbours would be missing");
     let mut frame = RenderContext::new(scene.get(), camera, accel, &settings);

@@ -7,7 +7,6 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
-use super::super::aov::{AovSet, LightAovs};
 use super::super::context::RenderContext;
 use super::super::film::{TileResult, filtered_image};
 use super::super::monitor::{Cancelled, Monitor};
@@ -63,7 +62,7 @@ pub fn tile_count(width: u32, height: u32) -> usize {
 /// Renders `count` tiles, or all if there are fewer, in the current rayon pool.
 ///
 /// Every pixel gets all of its samples: [`RenderSettings::adaptive`] and [`RenderSettings::edge_contrast`] are ignored, as
-/// are [`RenderSettings::sample_aovs`] and [`RenderSettings::layers`]. `accel` must have been built from `scene`.
+/// are all AOVs. `accel` must have been built from `scene`.
 pub fn render_sample(
     (scene, camera): (ValidScene, &Camera),
     accel: &dyn Accel,
@@ -75,10 +74,7 @@ pub fn render_sample(
     let settings = RenderSettings {
         adaptive: None,
         edge_contrast: None,
-        sample_aovs: false,
-        layers: AovSet::NONE,
-        light_layers: LightAovs::NONE,
-        ..*settings
+        ..settings.without_aovs()
     };
     let mut frame = RenderContext::new(scene.get(), camera, accel, &settings);
     // The cost of subsurface scattering belongs to the whole image, not to these tiles.

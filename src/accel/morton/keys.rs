@@ -219,8 +219,12 @@ fn cell(coordinate: f32) -> u32 {
     /// From here to twice as much, the last bit of a number has the value 1.
     const ONES: f32 = (1 << 23) as f32;
     const LAST: f32 = ((1 << BITS_PER_AXIS) - 1) as f32;
+    let coordinate = if coordinate > 0.0 {
+        coordinate.min(LAST)
+    } else {
+        0.0
+    };
     // Round down by hand: the cast of the language, which saturates, is not vectorised
-    let coordinate = coordinate.max(0.0).min(LAST);
     let nearest = coordinate + ONES - ONES;
     let whole = if nearest > coordinate {
         nearest - 1.0

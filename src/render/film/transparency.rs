@@ -5,8 +5,8 @@ use super::super::tile::Tile;
 use super::filtered_image;
 use super::tile_result::{self, TileResult};
 
-/// Returns the coverage of the pixels of an image of `size` (width and height), which is 1 minus the mean transparency of the channels;
-/// `None` if the tiles have no film of transparency.
+/// Returns the coverage of the pixels of an image of `size` (width and height), which is 1 minus the mean transparency of
+/// the channels; `None` if the tiles have no film of transparency.
 ///
 /// A filter with negative lobes may give values slightly below 0 and above 1.
 pub(in crate::render) fn coverage(

@@ -46,15 +46,15 @@ pub(super) trait Splitter {
 }
 
 /// Ranges of a node's children.
-pub(super) struct Family {
+pub(super) struct ChildRanges {
     ranges: [ItemRange; WIDTH],
     count: usize,
 }
 
-impl Family {
+impl ChildRanges {
     /// Splits a range of at least two items, and always the one of the largest area among the results, until there are eight.
     #[inline(always)]
-    pub(super) fn of(splitter: &mut impl Splitter, range: &ItemRange, depth: usize) -> Family {
+    pub(super) fn of(splitter: &mut impl Splitter, range: &ItemRange, depth: usize) -> ChildRanges {
         let mut ranges = [*range; WIDTH];
         let mut count = 1;
         while count < WIDTH {
@@ -72,11 +72,11 @@ impl Family {
             ranges[count] = other;
             count += 1;
         }
-        Family { ranges, count }
+        ChildRanges { ranges, count }
     }
 
     /// Returns the ranges, of which each is of other items.
-    pub(super) fn ranges(&self) -> &[ItemRange] {
+    pub(super) fn get(&self) -> &[ItemRange] {
         &self.ranges[..self.count]
     }
 }
@@ -119,12 +119,12 @@ impl<'a> NodeSlots<'a> {
             return splitter.link(range.first);
         }
         // Reserve the node before those below
-        let family = Family::of(splitter, range, depth);
+        let ranges = ChildRanges::of(splitter, range, depth);
         let own = self.used;
         self.used += 1;
         // Add the children, then store the node
         let mut node = NativeNode::EMPTY;
-        for (slot, member) in family.ranges().iter().enumerate() {
+        for (slot, member) in ranges.get().iter().enumerate() {
             self.margin.store(&mut node, slot, &member.bounds);
             node.children[slot] = self.add(splitter, member, depth + 1);
         }

@@ -6,7 +6,7 @@ use glam::Vec3A;
 
 use super::blocks::ChunkTree;
 use super::margin::Margin;
-use super::nodes::{Family, ItemRange, MAX_SPLIT_DEPTH, NodeSlots, Splitter, max_node_count};
+use super::nodes::{ChildRanges, ItemRange, MAX_SPLIT_DEPTH, NodeSlots, Splitter, max_node_count};
 use crate::accel::morton::Box4;
 use crate::accel::native::layout::{ChildLink, NativeNode};
 use crate::parallel;
@@ -57,16 +57,16 @@ impl TopTask<'_> {
             return NodeSlots::new(self.nodes, self.first, margin).add(&mut bins, &range, depth);
         }
         // Divide the chunks among the children, each with room for its nodes
-        let family = Family::of(&mut bins, &range, depth);
+        let ranges = ChildRanges::of(&mut bins, &range, depth);
         let (nodes, mut nodes_left) = self.nodes.split_at_mut(1);
         let mut first = self.first + 1;
         // Their order in the array is that of the chunks
-        let mut order: Vec<usize> = (0..family.ranges().len()).collect();
-        order.sort_unstable_by_key(|&slot| family.ranges()[slot].first);
+        let mut order: Vec<usize> = (0..ranges.get().len()).collect();
+        order.sort_unstable_by_key(|&slot| ranges.get()[slot].first);
         let mut trees_left = &mut *self.trees;
         let mut children: Vec<Mutex<TopTask>> = Vec::with_capacity(order.len());
         for &slot in &order {
-            let range = &family.ranges()[slot];
+            let range = &ranges.get()[slot];
             let (trees, behind) = trees_left.split_at_mut(range.len());
             let (nodes, nodes_behind) = nodes_left.split_at_mut(max_node_count(range.len()));
             (trees_left, nodes_left) = (behind, nodes_behind);
@@ -86,7 +86,7 @@ impl TopTask<'_> {
         });
         let mut node = NativeNode::EMPTY;
         for (slot, link) in order.into_iter().zip(links) {
-            margin.store(&mut node, slot, &family.ranges()[slot].bounds);
+            margin.store(&mut node, slot, &ranges.get()[slot].bounds);
             node.children[slot] = link;
         }
         nodes[0] = node;

@@ -176,8 +176,8 @@ impl Workspace<'_, '_> {
         SplitReference { a, b }
     }
 
-    /// Renders one image for each half, or only the chosen pixels of it; `rendered`, the number of earlier ones, selects the
-    /// random numbers.
+    /// Renders one image for each half, or only the chosen pixels of it. The random numbers are selected by `rendered`, which
+    /// is the number of earlier images.
     fn pair(
         &self,
         layout: &Layout,

@@ -106,14 +106,11 @@ fn render_uniformly(
     layers.extend(frame.light_sheet.blank(region));
     let planes = AovBuffers::over(&mut layers, region);
     // Render all tiles that the region touches
-    // Allocate the image, as large as its tiles
-    let [width, height] = cover.size();
-    let mut pixels = vec![[0.0; 3]; width as usize * height as usize];
-    let image = SharedImage::over(&mut pixels, cover.corner(), width);
-    let (tiles, mut ledger) = render_tiles(frame, &cover.tiles, Some(&image), Some(&planes), monitor)?;
-    drop((planes, image));
-    let tiles = cover.placed(tiles);
+    let (CoverResult { mut pixels, tiles }, mut ledger) =
+        render_cover(frame, &cover, Some(&planes), monitor)?;
+    drop(planes);
     // Add the samples of neighbouring pixels
+    let [width, height] = cover.size();
     let mut meter = Profiler::new(settings);
     if !settings.filter.is_box() {
         filtered_image::assemble(width, &mut pixels, &tiles);
@@ -142,6 +139,30 @@ fn render_uniformly(
         layers,
         ..Rendering::new(image, samples, ledger, frame)
     })
+}
+
+/// Results of the tiles of a cover.
+pub(super) struct CoverResult {
+    /// Means of the pixels of the cover.
+    pub(super) pixels: Vec<[f32; 3]>,
+    /// All else, with positions relative to the cover.
+    pub(super) tiles: Vec<(Tile, TileResult)>,
+}
+
+/// Renders the tiles of a cover, and returns their results and the ledger; AOVs are written to `planes`.
+pub(super) fn render_cover(
+    frame: &RenderContext,
+    cover: &Cover,
+    planes: Option<&AovBuffers>,
+    monitor: &Monitor,
+) -> Result<(CoverResult, RenderProfile), Cancelled> {
+    let [width, height] = cover.size();
+    let mut pixels = vec![[0.0; 3]; width as usize * height as usize];
+    let image = SharedImage::over(&mut pixels, cover.corner(), width);
+    let (tiles, ledger) = render_tiles(frame, &cover.tiles, Some(&image), planes, monitor)?;
+    drop(image);
+    let tiles = cover.placed(tiles);
+    Ok((CoverResult { pixels, tiles }, ledger))
 }
 
 /// Renders `tiles` and returns them in order. Their means are written to `image`, if there is one, and are then no part of

@@ -3,8 +3,8 @@
 use super::super::adaptive::DISPLAY_ROOT;
 use super::super::automatic_exposure::Exposure;
 use super::super::context::RenderContext;
-use super::super::driver::render_tiles;
-use super::super::film::{PixelStatistics, SharedImage, tile_result};
+use super::super::driver::{CoverResult, render_cover};
+use super::super::film::{PixelStatistics, tile_result};
 use super::super::monitor::{Cancelled, Monitor};
 use super::super::profile::{Category, Profiler, RenderProfile};
 use super::super::subset::{Cover, Region};
@@ -46,14 +46,10 @@ impl FirstSamples {
             progress: &progress,
             ..*monitor
         };
-        let [width, height] = cover.size();
-        let mut pixels = vec![[0.0; 3]; width as usize * height as usize];
-        let image = SharedImage::over(&mut pixels, cover.corner(), width);
-        let (tiles, mut ledger) = render_tiles(frame, &cover.tiles, Some(&image), None, &monitor)?;
-        drop(image);
+        let (CoverResult { pixels, tiles }, mut ledger) = render_cover(frame, &cover, None, &monitor)?;
         // Assemble their statistics
         let mut meter = Profiler::new(settings);
-        let tiles = cover.placed(tiles);
+        let [width, height] = cover.size();
         let estimates = match settings.sample_aovs {
             true => tile_result::assemble(width, height, &tiles, &|result| &result.estimates),
             false => Vec::new(),
